@@ -20,16 +20,8 @@ from functools import cached_property
 
 import numpy as np
 
-from factors.kind import (
-    Feature,
-    cross_matrix,
-    inverse_left_jacobian,
-    left_jacobian,
-    product,
-    rotation_vector,
-    slopes,
-    turned,
-)
+from factors import kind
+from factors.kind import slopes, turned
 
 
 @dataclass(frozen=True)
@@ -58,12 +50,12 @@ class Framed:
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
         return {"frame": np.concatenate([self.placed(x), np.eye(4)[3:]])}
 
-    def feature(self, x: np.ndarray) -> Feature:
+    def feature(self, x: np.ndarray) -> kind.Feature:
         by = slopes(x)
         arm = (turned(x[..., :3]) @ (self.frame[:3, 3] - self.pivot)[:, None])[..., 0]
-        by[..., :3, :] = np.swapaxes(-cross_matrix(arm) @ left_jacobian(x[..., :3]), -1, -2)
+        by[..., :3, :] = np.swapaxes(-kind.cross_matrix(arm) @ kind.left_jacobian(x[..., :3]), -1, -2)
         by[..., 3:, :] = np.eye(3)
-        return Feature(self.pivot + x[..., 3:] + arm, by)
+        return kind.Feature(self.pivot + x[..., 3:] + arm, by)
 
 
 @dataclass(frozen=True)
@@ -99,8 +91,8 @@ class Instrument(Framed):
         u = np.broadcast_to(to_instrument[..., None], (*lead, 3, 3, count))
         dx = np.empty((*lead, 3, count, 6))
         # exp(-(J dv)) in front of the turned-back point: its change is local x (R' J dv)
-        spin = turn @ left_jacobian(x[..., :3])
-        crosses = cross_matrix(np.swapaxes(local, -1, -2))  # (..., C, 3, 3)
+        spin = turn @ kind.left_jacobian(x[..., :3])
+        crosses = kind.cross_matrix(np.swapaxes(local, -1, -2))  # (..., C, 3, 3)
         dx[..., :3] = np.moveaxis(home @ crosses @ spin[..., None, :, :], -2, -3)
         dx[..., 3:] = -to_instrument[..., :, None, :]
         return r, u, dx
@@ -131,17 +123,17 @@ class Orientation:
         """Rotation vectors (..., C, 3), and what takes F0 to the frames that were read, (..., C, 3, 3)."""
         home = np.swapaxes(turned(x[..., :3]) @ self.frame[:3, :3], -1, -2)
         to_read = np.swapaxes(self.read, -1, -2) @ home[..., None, :, :]
-        return rotation_vector(to_read @ np.moveaxis(turns, -1, -3)), to_read
+        return kind.rotation_vector(to_read @ np.moveaxis(turns, -1, -3)), to_read
 
     def residual(self, x: np.ndarray, turns: np.ndarray) -> np.ndarray:
         return np.swapaxes(self._apart(x, turns)[0], -1, -2)
 
     def linearise(self, x: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r, to_read = self._apart(x, turns)
-        by_turn = inverse_left_jacobian(r) @ to_read  # (..., C, 3, 3)
+        by_turn = kind.inverse_left_jacobian(r) @ to_read  # (..., C, 3, 3)
         dx = np.zeros((*by_turn.shape[:-1], 6))
         # the instrument turned one way is the tool turned the other
-        dx[..., :3] = -by_turn @ left_jacobian(x[..., :3])[..., None, :, :]
+        dx[..., :3] = -by_turn @ kind.left_jacobian(x[..., :3])[..., None, :, :]
         return np.swapaxes(r, -1, -2), np.moveaxis(by_turn, -3, -1), np.swapaxes(dx, -2, -3)
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
@@ -280,10 +272,10 @@ class Camera(Framed):
         """Corners in the frame of the camera, (..., 3, C), m."""
         camera, board = self._frames(x, pose)
         back = np.swapaxes(camera[..., :3, :], -3, -2)
-        seen = product(back, board)
-        seen[..., 3, :] -= product(back, camera[..., 3:, :])[..., 0, :]
+        seen = kind.product(back, board)
+        seen[..., 3, :] -= kind.product(back, camera[..., 3:, :])[..., 0, :]
         if self.image is None:
-            return product(seen[..., :3, :], self.corner.T[:, None])[..., 0, :] + seen[..., 3, :]
+            return kind.product(seen[..., :3, :], self.corner.T[:, None])[..., 0, :] + seen[..., 3, :]
         # all points of the board in all images, as one product, cost less than a pose for each corner
         points, of = self._points
         every = np.swapaxes(seen, -1, -2) @ np.insert(points, 3, 1.0, axis=1).T
@@ -306,7 +298,7 @@ class Camera(Framed):
     def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (camera, _), local = self._frames(x, pose), self.seen(x, pose)
         axes = camera[..., :3, :]
-        at = product(axes, local[..., None, :])[..., 0, :] + camera[..., 3, :]
+        at = kind.product(axes, local[..., None, :])[..., 0, :] + camera[..., 3, :]
         depth = np.maximum(local[..., 2, :], NEAREST)
         xy = local[..., :2, :] / depth[..., None, :]
         r = self.scale * (self.lens.pixels(xy) - self.pixel.T)
@@ -315,13 +307,13 @@ class Camera(Framed):
         slopes = self.lens.slopes(xy) * scale
         inward = -np.sum(slopes * xy[..., None, :, :], axis=-2) * (local[..., 2, :] > NEAREST)[..., None, :]
         by = np.concatenate([slopes, inward[..., None, :]], axis=-2)
-        w = product(by, np.swapaxes(axes, -3, -2))
+        w = kind.product(by, np.swapaxes(axes, -3, -2))
         force = -w if self.carried else w
         lever = at - pose[..., 3, :]
         moment = np.cross(lever[..., None, :, :], force, axis=-2)
         own = w if self.carried else -w  # by what is fixed, moved along F0
         about = at - (self.pivot + x[..., 3:])[..., None]
         spin = np.cross(about[..., None, :, :], own, axis=-2)
-        by_turn = np.einsum("...ijc,...jk->...ick", spin, left_jacobian(x[..., :3]))
+        by_turn = np.einsum("...ijc,...jk->...ick", spin, kind.left_jacobian(x[..., :3]))
         dx = np.concatenate([by_turn, np.swapaxes(own, -1, -2)], axis=-1)
         return r, np.concatenate([force, moment], axis=-2), dx

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.dataset import artefact, consistency, plausibility, session
+from bayescal.dataset import consistency, plausibility, session
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.solids import solids_of
 from bayescal.dataset.table import EMPTY, LABELS, PIXEL, RPY, XYZ, Table, fields_of_columns, table_of
@@ -256,7 +256,7 @@ def read_settings(
     derived: tuple[Certificate, ...] = ()
     contents: tuple[bytes, ...] = (robot_content,)
     if file.artefact is not None:
-        derived, content = artefact.certificates_of(path.parent, file.artefact, targets, certificates)
+        derived, content = session.certificates_of_points(path.parent, file.artefact, targets, certificates)
         contents = (robot_content, content)
     dataset = Dataset(
         name=file.name,

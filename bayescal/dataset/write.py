@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm.chain import Ground
-from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.join import PAUSE, stacked
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.schema import CERTIFICATES, SCHEMA, NoiseEntry, RegionEntry, ToolEntry, VolumeEntry
-from bayescal.dataset.session import NAMING, field_of
+from bayescal.dataset.session import NAMING, artefact_text, field_of
 from bayescal.dataset.solids import hull_stl, solid_values
 from bayescal.dataset.table import LABELS, csv_text, fields_of_columns
 from bayescal.dataset.target_kinds import KINDS

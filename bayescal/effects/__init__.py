@@ -9,10 +9,10 @@ from dataclasses import replace
 
 from bayescal.arm.chain import Prior
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
-from bayescal.effects.bending import AXIS_BENDING, BENDING
+from bayescal.effects.bending import AXIS_BENDING, BENDING, PAYLOAD, compliances
+from bayescal.effects.by_time import STEP, THERMAL_DRIFT
 from bayescal.effects.compliance import BASE_COMPLIANCE, COMPLIANCE, HARDENING
 from bayescal.effects.geometry import GEOMETRY, JOINT, TOOL
-from bayescal.effects.gravity import PAYLOAD, compliances
 from bayescal.effects.imaging import (
     BOARD_BOW,
     BOARD_SCALE,
@@ -22,7 +22,7 @@ from bayescal.effects.imaging import (
     LENS_DISTORTION,
 )
 from bayescal.effects.location import Driver, Site, Size
-from bayescal.effects.lost_motion import BACKLASH, HYSTERESIS
+from bayescal.effects.lost_motion import BACKLASH, HYSTERESIS, LATENCY, UNSETTLED
 from bayescal.effects.probe import ARTEFACT, BALL_RADIUS, LOBING, PLANE_FORM
 from bayescal.effects.readings import (
     ANGULAR_MOTION,
@@ -35,9 +35,6 @@ from bayescal.effects.readings import (
     STRAIGHTNESS,
 )
 from bayescal.effects.selection import Selection, Vocabulary, positive
-from bayescal.effects.step import STEP
-from bayescal.effects.thermal_drift import THERMAL_DRIFT
-from bayescal.effects.timing import LATENCY, UNSETTLED
 from bayescal.effects.vocabulary import (
     UNITS,
     CertifiedValue,

@@ -16,8 +16,8 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Certificate, Patch, Target
-from bayescal.dataset.artefact import ArtefactFile
 from bayescal.dataset.schema import file_model
+from bayescal.dataset.session import ArtefactFile
 from bayescal.errors import BayescalError
 from bayescal.probing.artefacts import LARGE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery, Sizes
 from bayescal.probing.motions import Arm

@@ -51,7 +51,7 @@ class PlanResult(Result):
     data: Plan | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.plan_record import plan_record
+        from bayescal.reporting.page.plan import plan_record
 
         return plan_record(self._new())
 
@@ -62,7 +62,7 @@ class PlanResult(Result):
 
         from pandas import read_csv
 
-        from bayescal.reporting.plan_record import table_of_plan
+        from bayescal.reporting.page.plan import table_of_plan
 
         file = self._file("plan.csv", "repeat the command") if self.data is None else None
         texts: Mapping[Any, Any] = dict.fromkeys(("id", "repeat", "target", "tool"), str)

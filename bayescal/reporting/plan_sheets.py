@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from bayescal.dataset import Dataset
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import (
@@ -22,9 +23,26 @@ from bayescal.planning.result import (
     Plan,
 )
 from bayescal.planning.separate import NO_LEVER
-from bayescal.reporting.plan_record import clearances, count, payloads
 from bayescal.reporting.shared.sheet import Column, Sheet, below, of_key, screen, sheet_of_cells
 from bayescal.reporting.shared.text import NEVER, Facts, percent, size, um2, under
+
+
+def payloads(session: Dataset) -> np.ndarray:
+    """Payloads (N,), kg; 0 where the session states none."""
+    m = session.measurements
+    return np.zeros(len(m.ids)) if m.payload is None else m.payload
+
+
+def count(plan: Plan) -> int:
+    """Number of contacts that calibrate: all but those of validation."""
+    return sum(p != VALIDATE for p in plan.purpose)
+
+
+def clearances(plan: Plan) -> list[str]:
+    """Clearance of the motions of each row, mm, rounded down; empty where it is not known."""
+    clearance = plan.clearance if len(plan.clearance) else np.full(len(plan.purpose), np.nan)
+    return [f"{np.floor(1e4 * value) / 10:.1f}" if np.isfinite(value) else "" for value in clearance]
+
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""

@@ -1,4 +1,4 @@
-"""Expand one xacro file: a program that `bayescal.robots.load` starts in a process of its own.
+"""Expand one xacro file: a program that `bayescal.robots` starts in a process of its own.
 
 Its argument is a JSON object: `file` (a name in the working directory), `path` (where modules are looked
 for), `seconds` and `bytes` (the limits). It writes XML to the standard output, or one line of what is wrong

@@ -11,7 +11,7 @@ from cases import ROOT, cases
 from tiny_dataset import SETTINGS
 
 import bayescal as bc
-from bayescal.dataset import artefact, schema, solids
+from bayescal.dataset import schema, session, solids
 from bayescal.dataset.schema import CERTIFICATES, entry_of
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.target_kinds import KINDS
@@ -25,7 +25,7 @@ CHECKED = (
     schema.DatasetFile, schema.ToolEntry, schema.HeldEntry, schema.NoiseEntry, schema.Loose,
     *map(entry_of, KINDS.values()),
     *CERTIFICATES.values(), schema.PlanEntry, schema.VolumeEntry, schema.RegionEntry,
-    schema.RecordEntry, schema.SerialsEntry, artefact.ArtefactFile, artefact.PointEntry,
+    schema.RecordEntry, schema.SerialsEntry, session.ArtefactFile, session.PointEntry,
     solids.BoxEntry, solids.CylinderEntry, solids.MeshEntry,
     of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place, of_robots.GroundEntry,
 )  # fmt: skip

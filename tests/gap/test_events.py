@@ -11,9 +11,9 @@ from sessions import geared, tracker, validating, wavy, with_columns
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, parameters_of
+from bayescal.effects.by_time import ROWS, beside, long_enough, moments
 from bayescal.effects.location import BASE, TOOL, face
 from bayescal.effects.selection import Selection
-from bayescal.effects.step import ROWS, beside, long_enough, moments
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import stated

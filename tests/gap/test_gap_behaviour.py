@@ -12,7 +12,7 @@ from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects import EFFECTS as VOCABULARY
 from bayescal.effects.common import waves
 from bayescal.effects.location import Driver, face, joint
-from bayescal.effects.timing import remaining
+from bayescal.effects.lost_motion import remaining
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import fit_state, limited
 from bayescal.gap.outcome.where import visible

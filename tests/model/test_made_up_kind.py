@@ -14,8 +14,8 @@ from bayescal.arm.transforms import rpy_matrix
 from bayescal.assess.inputs import CERTIFICATE, propagated
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, Points, Target
-from bayescal.dataset.artefact import distances_of
 from bayescal.dataset.join import joined
+from bayescal.dataset.session import distances_of
 from bayescal.dataset.target_kinds import KINDS, TargetKind, place_sd
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated, estimate

@@ -28,7 +28,7 @@ from bayescal.probing.clearance import Clearance
 from bayescal.probing.scene import Solid, held_by
 from bayescal.probing.sweep import signed_distances
 from bayescal.public.planning import PlanResult
-from bayescal.reporting.plan_record import table_of_plan
+from bayescal.reporting.page.plan import table_of_plan
 from bayescal.reporting.plan_sheets import title
 from bayescal.simulation import Options
 

@@ -21,8 +21,7 @@ from bayescal.importing import Request, convert, write
 from bayescal.planning.result import VALIDATE
 from bayescal.reporting import plan_sheets
 from bayescal.reporting.figures.plan import draw_plan
-from bayescal.reporting.page.plan import plan_page, write_plan
-from bayescal.reporting.plan_record import plan_record, table_of_plan
+from bayescal.reporting.page.plan import plan_page, plan_record, table_of_plan, write_plan
 from bayescal.reporting.plan_sheets import plan_summary
 from bayescal.simulation import touch
 

@@ -23,7 +23,7 @@ from bayescal.fitted.gate import NOTHING
 DOCUMENTED = (
     "bayescal",
     "bayescal.effects",
-    "bayescal.robots.load",
+    "bayescal.robots",
     *(
         f"bayescal.public.{f.stem}"
         for f in sorted(Path(bc.__file__).parent.glob("public/*.py"))

@@ -28,8 +28,7 @@ from bayescal.reporting.gap.summary import _measured
 from bayescal.reporting.motion.fit import replay_sheet
 from bayescal.reporting.page.common import _largest
 from bayescal.reporting.page.svg import prior_posterior
-from bayescal.reporting.plan_record import clearances
-from bayescal.reporting.plan_sheets import further, gain, least_favourable, travel
+from bayescal.reporting.plan_sheets import clearances, further, gain, least_favourable, travel
 from bayescal.reporting.plan_sheets import headline as plan_headline
 from bayescal.reporting.shared import origin
 from bayescal.reporting.shared.origin import _signs, entry, plain

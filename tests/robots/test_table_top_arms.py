@@ -7,8 +7,7 @@ from cases import DATA
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.preparing.artefacts import Room
-from bayescal.robots import load_robot
-from bayescal.robots.load import full_name
+from bayescal.robots import full_name, load_robot
 
 mujoco = pytest.importorskip("mujoco")
 ARMS = {"so101": "robotstudio-so101", "koch": "koch-v1-1"}

@@ -7,10 +7,11 @@ import pinocchio as pin
 import pytest
 from urdf_texts import arm, joint, link, robot
 
+from bayescal import robots
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.errors import BayescalError
-from bayescal.robots import load, load_robot, robot_to_yaml
+from bayescal.robots import load_robot, robot_to_yaml
 
 GRAVITY = np.array([1.0, -2.0, -9.0])
 
@@ -208,13 +209,13 @@ def test_the_child_has_no_environment_and_limits(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET_TOKEN", "hush")
     with pytest.raises(BayescalError, match="SECRET_TOKEN"):
         xacro_read(tmp_path, ARM.replace('default="0.3"', 'default="$(env SECRET_TOKEN)"'), allow_xacro=True)
-    monkeypatch.setattr(load, "BYTES", 2**27)
+    monkeypatch.setattr(robots, "BYTES", 2**27)
     with pytest.raises(BayescalError, match="MemoryError"):
         xacro_read(tmp_path, ARM.replace("$(arg reach)", "${len([0] * 2**28)}"), allow_xacro=True)
 
 
 def test_an_endless_expression_is_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(load, "SECONDS", 1)
+    monkeypatch.setattr(robots, "SECONDS", 1)
     with pytest.raises(BayescalError, match="stopped after 1 s"):
         xacro_read(tmp_path, ARM.replace("$(arg reach)", "${10**10**9}"), allow_xacro=True)
 

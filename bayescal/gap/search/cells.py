@@ -18,11 +18,11 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.motion import IMAGE, TURN, Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, View, location
+from bayescal.effects.by_time import reflectors
 from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BASE, BOARD, CAMERA, PROBE, TOOL, Driver, joint, link
 from bayescal.effects.probe import shapes
-from bayescal.effects.step import reflectors
 from bayescal.estimate.families import cosines, lobes
 from bayescal.gap.search.makers import (
     FURTHER,

@@ -9,8 +9,7 @@ import numpy as np
 from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.reporting.plan_record import count
-from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, noun, title
+from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, count, headline, noun, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, of_units, outlines, typical
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, TINTS, figure, tidy
 from bayescal.reporting.shared.text import MM, UM

@@ -17,18 +17,7 @@ from bayescal.exporting.hand_eye import hand_eye_records
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
-from bayescal.gap.result import (
-    MARGINS,
-    VALIDATION_CONTACTS,
-    VALIDATION_POINTS,
-    Advice,
-    BlindSpot,
-    Gap,
-    Magnitude,
-    Place,
-    Side,
-    Verdict,
-)
+from bayescal.gap import result
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
@@ -64,7 +53,7 @@ DIGITS = 4
 """Decimals of curves and residuals, in µm or the unit of the coordinate: below the resolution of a probe."""
 
 
-def gap_record(gap: Gap) -> dict[str, Any]:
+def gap_record(gap: result.Gap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     verdict = gap.verdict
     record = {
@@ -90,7 +79,9 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "not_excluded": unshown(verdict),
         **entry(verdict, "footnotes", "missing", "notes"),
         "where": [_place(w, gap) | causes.records(w, gap.dataset) for w in gap.where],
-        "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},
+        "where_marginal": {
+            key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in result.MARGINS
+        },
         "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, *SHRINKAGE) for s in gap.shrinkage},
         "lengths": _lengths(gap),
         "images": images_record(gap.arm or gap.calibrated),
@@ -125,12 +116,12 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     return {key: plain(value) for key, value in record.items()}
 
 
-def _effects(verdict: Verdict) -> list[str]:
+def _effects(verdict: result.Verdict) -> list[str]:
     """The named effects, each once; 'unknown' for an unmodelled effect alone."""
     return ["unknown"] if verdict.kind == "unknown" else list(dict.fromkeys(n.effect for n in verdict.named))
 
 
-def _magnitude(m: Magnitude) -> dict[str, Any]:
+def _magnitude(m: result.Magnitude) -> dict[str, Any]:
     keys = ("what", "count", "rms_um", "predicted_rms_um", "predicted_interval95_um")
     return (
         entry(m, "heldout=validation", "heldout_rms_um=validation_rms")
@@ -140,7 +131,7 @@ def _magnitude(m: Magnitude) -> dict[str, Any]:
     )
 
 
-def _place(w: Place, gap: Gap) -> dict[str, Any]:
+def _place(w: result.Place, gap: result.Gap) -> dict[str, Any]:
     """A location; its share is of the excess of the fitted contacts, and none where validation shows none."""
     return (
         entry(w, "site", "driver")
@@ -151,13 +142,13 @@ def _place(w: Place, gap: Gap) -> dict[str, Any]:
     )
 
 
-def _lengths(gap: Gap) -> dict[str, Any]:
+def _lengths(gap: result.Gap) -> dict[str, Any]:
     """The errors as the summary states them: of points, the length of the error vector.
 
     `of` is the kind of measurement with which the gap is compared: contacts where there are any.
     """
-    kinds = [x.what for x in gap.magnitude.measured] or [VALIDATION_CONTACTS]
-    what = VALIDATION_CONTACTS if VALIDATION_CONTACTS in kinds else VALIDATION_POINTS
+    kinds = [x.what for x in gap.magnitude.measured] or [result.VALIDATION_CONTACTS]
+    what = result.VALIDATION_CONTACTS if result.VALIDATION_CONTACTS in kinds else result.VALIDATION_POINTS
     sizes = entry(gap.magnitude, "validation_rms_um", "noise_um", "excess_um")
     shrunk = {s.what: entry(s, *SHRUNK) for s in gap.shrinkage}
     count = components(gap)
@@ -172,12 +163,12 @@ def _lengths(gap: Gap) -> dict[str, Any]:
     }
 
 
-def _advice(a: Advice, robot: Robot) -> dict[str, Any]:
+def _advice(a: result.Advice, robot: Robot) -> dict[str, Any]:
     poses = {"poses": [robot.shown(pose) for pose in a.poses], "poses_unit": robot.unit_words}
     return entry(a, "separates", "what") | poses | entry(a, "lambda_before", "lambda_after")
 
 
-def contact_records(advice: Advice, number: int, robot: Robot) -> list[dict[str, Any]]:
+def contact_records(advice: result.Advice, number: int, robot: Robot) -> list[dict[str, Any]]:
     """The contacts of an advice in gap.json: ``next-1-001`` is the first contact of the first advice.
 
     Of an arm with prismatic joints `units` are those of its joints.
@@ -199,13 +190,13 @@ def contact_records(advice: Advice, number: int, robot: Robot) -> list[dict[str,
     ]
 
 
-def undecided_records(gap: Gap) -> list[dict[str, Any]]:
+def undecided_records(gap: result.Gap) -> list[dict[str, Any]]:
     """Pairs of explanations, each side with its effects as for --model and their fitted parameters."""
     sides = ("a", "b", "common")
     return [{side: _side(getattr(pair, side)) for side in sides} for pair in gap.undecided]
 
 
-def _side(side: Side) -> list[dict[str, Any]]:
+def _side(side: result.Side) -> list[dict[str, Any]]:
     return [
         {
             "model": s.model,
@@ -219,7 +210,7 @@ def _side(side: Side) -> list[dict[str, Any]]:
     ]
 
 
-def _blind(b: BlindSpot) -> dict[str, Any]:
+def _blind(b: result.BlindSpot) -> dict[str, Any]:
     size = sized(b, "smallest", "plausible")
     return {
         **entry(b, "effect", "site"),
@@ -229,7 +220,7 @@ def _blind(b: BlindSpot) -> dict[str, Any]:
     }
 
 
-def _curve(gap: Gap, w: Place) -> dict[str, Any]:
+def _curve(gap: result.Gap, w: result.Place) -> dict[str, Any]:
     """The data of a curve of `gap-where.png`; x in the unit that the coordinate states.
 
     `lever` is the residual per unit of the displacement of the site, m per `lever_unit` (SI); null where the
@@ -250,7 +241,7 @@ def _curve(gap: Gap, w: Place) -> dict[str, Any]:
     }
 
 
-def _mark(gap: Gap) -> str | None:
+def _mark(gap: result.Gap) -> str | None:
     """The site that a drawing of the arm marks: of a named effect, else a location that is significant."""
     if gap.verdict.kind == "null":
         return None
@@ -261,7 +252,7 @@ def _mark(gap: Gap) -> str | None:
     return next(map(str, (*stated, *named, *others)), None)
 
 
-def _residuals(gap: Gap) -> dict[str, Any]:
+def _residuals(gap: result.Gap) -> dict[str, Any]:
     """The data of `gap-residuals.png`."""
     rows, before, after = gap.residuals
     ids = gap.dataset.measurements.ids
@@ -277,7 +268,9 @@ NEXT = "next.csv"
 """Contacts to be measured next; only where some are advised."""
 
 
-def write_gap(gap: Gap, folder: Path, contents: Mapping[str, Any], pictures: bool = True) -> tuple[str, ...]:
+def write_gap(
+    gap: result.Gap, folder: Path, contents: Mapping[str, Any], pictures: bool = True
+) -> tuple[str, ...]:
     """Write gap.json, gap.html, arm.json with the dataset, next.csv and the figures atomically.
 
     Parameters

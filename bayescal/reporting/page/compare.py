@@ -11,17 +11,8 @@ from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.common import inputs
 from bayescal.reporting.page.section import Facts, Run, Section, Text, blocks
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, of_key, sheet_of_cells
-from bayescal.reporting.shared.text import (
-    MISSING,
-    length,
-    measured,
-    model_label,
-    probability,
-    rival,
-    uncertainty,
-    with_unit,
-)
 from bayescal.storage.reading import Json
 
 FAR = 2.0
@@ -78,10 +69,10 @@ def distances(runs: Runs) -> Section | None:
     columns = (
         Column("run", "run"),
         Column("between", lambda e: e.get("over"), words=True),
-        Column("expected RMS (µm)", lambda e: e.get("predicted_rms_um"), uncertainty),
-        Column("U = k u (µm)", lambda e: e.get("expanded_U_um"), uncertainty),
-        Column("measured RMS (µm)", "measured_rms_um", length),
-        Column("maximum (µm)", lambda e: e.get("largest"), length),
+        Column("expected RMS (µm)", lambda e: e.get("predicted_rms_um"), text.uncertainty),
+        Column("U = k u (µm)", lambda e: e.get("expanded_U_um"), text.uncertainty),
+        Column("measured RMS (µm)", "measured_rms_um", text.length),
+        Column("maximum (µm)", lambda e: e.get("largest"), text.length),
         Column("distances", lambda e: e.get("count")),
     )
     return blocks("distances", "Distance errors", Sheet(columns, items))
@@ -98,7 +89,7 @@ def effects(runs: Runs) -> Section | None:
             largest[name] = max(largest.get(name, 0.0), p or 0.0)
     order = sorted((n for n in largest if largest[n] >= LEAST), key=lambda n: -largest[n])
     probabilities = [Column(label, of_key(_probability, run), as_is) for label, run in some]
-    table = Sheet((Column("effect", rival), *probabilities), order, "Probability of the effects")
+    table = Sheet((Column("effect", text.rival), *probabilities), order, "Probability of the effects")
     keys = dict.fromkeys(_key(a) for _, run in some for a in run.record["amplitudes"])
     amplitudes = [Column(label, of_key(_amplitude, run)) for label, run in some]
     name = Column("amplitude", lambda key: f"{key[0]} of {key[1]}: {key[2]}")
@@ -112,12 +103,12 @@ def _key(a: Json) -> tuple[str, ...]:
 
 def _probability(effect: str, run: Run) -> Bar | None:
     p = run.record["probability"].get(effect)
-    return None if p is None else Bar(p, probability(p))
+    return None if p is None else Bar(p, text.probability(p))
 
 
 def _amplitude(key: tuple[str, ...], run: Run) -> str | None:
     amplitudes = (a for a in run.record["amplitudes"] if _key(a) == key)
-    return next((measured(a["value"], a["u"], a["unit"]) for a in amplitudes), None)
+    return next((text.measured(a["value"], a["u"], a["unit"]) for a in amplitudes), None)
 
 
 def parameters(runs: Runs) -> Section | None:
@@ -143,15 +134,17 @@ def parameters(runs: Runs) -> Section | None:
 def _compared(name: str, each: Sequence[Json | None]) -> tuple[Any, ...]:
     """Estimates of a parameter, and the difference of each from the first."""
     first = each[0]
-    cells: list[Any] = [MISSING if p is None else measured(p["estimate"], p["sd"], "") for p in each]
+    cells: list[Any] = [
+        text.MISSING if p is None else text.measured(p["estimate"], p["sd"], "") for p in each
+    ]
     for other in each[1:]:
         if first is None or other is None or other["unit"] != first["unit"]:
-            cells += [MISSING, MISSING]
+            cells += [text.MISSING, text.MISSING]
             continue
         difference, u = other["estimate"] - first["estimate"], float(np.hypot(other["sd"], first["sd"]))
         ratio = abs(difference) / u if u > 0 else 0.0
-        cells += [measured(difference, u, ""), Bar(min(ratio / 5.0, 1.0), f"{ratio:.1f}", ratio > FAR)]
-    return (with_unit(name, next(p["unit"] for p in each if p is not None)), *cells)
+        cells += [text.measured(difference, u, ""), Bar(min(ratio / 5.0, 1.0), f"{ratio:.1f}", ratio > FAR)]
+    return (text.with_unit(name, next(p["unit"] for p in each if p is not None)), *cells)
 
 
 def levels(runs: Runs) -> Section | None:
@@ -164,9 +157,9 @@ def levels(runs: Runs) -> Section | None:
             for run in runs
         ]
         if any(error is not None for of_run in of_runs for error in of_run.values()):
-            errors += [Column(f"{what}, {k}", e.get, length) for k, e in enumerate(of_runs, start=1)]
+            errors += [Column(f"{what}, {k}", e.get, text.length) for k, e in enumerate(of_runs, start=1)]
     caption = "RMS of validation measurements, µm; of points the length of the error vector"
-    sheet = Sheet((Column("model", model_label), *errors), order, caption)
+    sheet = Sheet((Column("model", text.model_label), *errors), order, caption)
     return blocks("levels", "Model levels", sheet)
 
 
