@@ -18,6 +18,7 @@ from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.validation import Validation
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import entry
 from bayescal.reporting.shared.sheet import (
     Bar,
@@ -29,25 +30,6 @@ from bayescal.reporting.shared.sheet import (
     of_key,
     screen,
     sheet_of_cells,
-)
-from bayescal.reporting.shared.text import (
-    MDEG,
-    MISSING,
-    UM,
-    Facts,
-    as_precise,
-    interval,
-    length,
-    measured,
-    model_label,
-    parameter_notes,
-    percent,
-    signed,
-    two_digits,
-    um,
-    uncertainty,
-    with_u,
-    with_unit,
 )
 from bayescal.storage.reading import Json
 
@@ -61,15 +43,15 @@ ROLES = {"calibrate": "fitted", "validate": "validation"}
 
 
 def _ends(ends: Sequence[float], decimals: int = 0, to: str = " .. ") -> str:
-    return to.join(signed(end, decimals) for end in ends)
+    return to.join(text.signed(end, decimals) for end in ends)
 
 
 DISTANCES = (
     Column("distance", "between", " – ".join),
     Column("certified (mm)", "certified_mm", "{:.3f}".format),
-    Column("nominal (µm)", "nominal_error_um", signed),
-    Column("calibrated (µm)", "calibrated_error_um", lambda error: signed(error, 1)),
-    Column("u (µm)", "predicted_sd_um", uncertainty),
+    Column("nominal (µm)", "nominal_error_um", text.signed),
+    Column("calibrated (µm)", "calibrated_error_um", lambda error: text.signed(error, 1)),
+    Column("u (µm)", "predicted_sd_um", text.uncertainty),
     Column("95 % predicted (µm)", "predicted_interval95_um", lambda ends: _ends(ends, 1, " to ")),
     Column("", "inside95", lambda inside: "within" if inside else "outside"),
 )
@@ -83,37 +65,37 @@ SHORT_DISTANCES = (
 """The same in the terminal."""
 TOLERANCE = (
     Column("tolerance", "between", " - ".join),
-    Column("error (µm)", "error_um", lambda error: signed(error, 1)),
-    Column("U = k u (µm)", "U_um", uncertainty),
+    Column("error (µm)", "error_um", lambda error: text.signed(error, 1)),
+    Column("U = k u (µm)", "U_um", text.uncertainty),
     Column("k", "k", "{:.2f}".format),
-    Column("probability within", "probability", percent),
+    Column("probability within", "probability", text.percent),
     Column("decision", "decision", lambda word: Text(word, DECISIONS.get(word, "yellow"))),
 )
 FACES = (
     Column("target", "target"),
     Column("contacts", "count"),
-    Column("nominal RMS (µm)", "nominal_rms_um", length),
-    Column("calibrated RMS (µm)", "calibrated_rms_um", length),
-    Column("maximum (µm)", "calibrated_max_um", length),
-    Column("expected RMS (µm)", "predicted_rms_um", length),
+    Column("nominal RMS (µm)", "nominal_rms_um", text.length),
+    Column("calibrated RMS (µm)", "calibrated_rms_um", text.length),
+    Column("maximum (µm)", "calibrated_max_um", text.length),
+    Column("expected RMS (µm)", "predicted_rms_um", text.length),
 )
 PREDICTED = (
     Column("distances between", "over"),
     Column("number", "count"),
     Column("lengths (mm)", "lengths_mm", lambda ends: "{:.0f} to {:.0f}".format(*ends)),
-    Column("expected RMS (µm)", "predicted_rms_um", uncertainty),
-    Column("U = k u (µm)", "expanded_U_um", uncertainty),
+    Column("expected RMS (µm)", "predicted_rms_um", text.uncertainty),
+    Column("U = k u (µm)", "expanded_U_um", text.uncertainty),
     Column("k", "k", "{:.2f}".format),
-    Column("95 % (µm)", "predicted_interval95_um", interval),
-    Column("measured RMS (µm)", "measured_rms_um", length),
+    Column("95 % (µm)", "predicted_interval95_um", text.interval),
+    Column("measured RMS (µm)", "measured_rms_um", text.length),
 )
 ISO9283 = (
     Column("quantity", lambda f: f"{f['symbol']}: {f['name']}"),
     Column("number", "count"),
-    Column("mean (µm)", "mean_um", length),
-    Column("u (µm)", "u_mean_um", uncertainty),
-    Column("maximum (µm)", "max_um", length),
-    Column("u (µm)", "u_max_um", uncertainty),
+    Column("mean (µm)", "mean_um", text.length),
+    Column("u (µm)", "u_mean_um", text.uncertainty),
+    Column("maximum (µm)", "max_um", text.length),
+    Column("u (µm)", "u_max_um", text.uncertainty),
 )
 TESTS = (Column("test", "words"), *(Column(key, key, "{:.3g}".format) for key in ("value", "limit", "p")))
 
@@ -128,9 +110,9 @@ def level_sheet(
 
     def bar(step: Json) -> Bar:
         value = step.get(shown[0][1])
-        return Bar(log_fraction(value, every), length(value), step is items[-1])
+        return Bar(log_fraction(value, every), text.length(value), step is items[-1])
 
-    errors = [Column(h, of_key(dict.get, key), length) for h, key in shown[1:]]
+    errors = [Column(h, of_key(dict.get, key), text.length) for h, key in shown[1:]]
     bars = [Column(shown[0][0], bar, as_is)] if shown else []
     caption = "Errors of validation measurements, µm; bars are logarithmic"
     return Sheet((Column("model", "name"), *bars, *errors, *more), items, caption)
@@ -146,14 +128,14 @@ def log_fraction(value: float | None, every: list[float | None]) -> float:
 
 
 VALIDATION = (
-    ("planes", "contacts RMS", "contacts.rms", um),
-    ("distances", "distances RMS", "distance_errors.rms", um),
-    ("distances", "maximum", "distance_errors.maximum", um),
-    ("distances", "95 % predicted", "distance_errors.interval95", lambda ends: _ends(UM * ends)),
-    ("points", "points RMS", "point_lengths.rms", um),
-    ("points", "mean", "point_lengths.mean", um),
-    ("points", "maximum", "point_lengths.maximum", um),
-    ("turns", "angles mean (mdeg)", "turn_angles.mean", lambda mean: two_digits(MDEG * mean)),
+    ("planes", "contacts RMS", "contacts.rms", text.um),
+    ("distances", "distances RMS", "distance_errors.rms", text.um),
+    ("distances", "maximum", "distance_errors.maximum", text.um),
+    ("distances", "95 % predicted", "distance_errors.interval95", lambda ends: _ends(text.UM * ends)),
+    ("points", "points RMS", "point_lengths.rms", text.um),
+    ("points", "mean", "point_lengths.mean", text.um),
+    ("points", "maximum", "point_lengths.maximum", text.um),
+    ("turns", "angles mean (mdeg)", "turn_angles.mean", lambda mean: text.two_digits(text.MDEG * mean)),
 )
 """Kinds of validation measurement, and of each the heading, the attribute and the text of a column."""
 
@@ -162,10 +144,10 @@ def validation_table(levels: Sequence[ModelLevel]) -> Sheet:
     """Errors of validation measurements by model level."""
     last = levels[-1].validation
     columns = (
-        Column("validation (µm)", "effects", model_label),
+        Column("validation (µm)", "effects", text.model_label),
         *(
-            Column(heading, attrgetter(f"validation.{errors}"), text)
-            for kind, heading, errors, text in VALIDATION
+            Column(heading, attrgetter(f"validation.{errors}"), shown)
+            for kind, heading, errors, shown in VALIDATION
             if getattr(last, kind)
         ),
         Column("within 95 %", "validation", _within),
@@ -177,7 +159,7 @@ def _within(v: Validation) -> str:
     """How many values of validation measurements lie within their 95 % prediction intervals."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
     hits += [inside95(c.residuals, c.predicted).ravel() for c in (*v.planes, *v.points, *v.turns)]
-    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else MISSING
+    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else text.MISSING
 
 
 def distance_table(distances: Sequence[Json], every: bool) -> Sheet:
@@ -198,7 +180,7 @@ def by_target(residuals: Sequence[Json]) -> Sheet:
         Column("rows", "count"),
         Column("rejected", "rejected"),
         Column("RMS (µm)", bar_of(residuals, "rms_um"), as_is),
-        Column("maximum (µm)", "max_um", length),
+        Column("maximum (µm)", "max_um", text.length),
     )
     return Sheet(columns, residuals, "Residuals by target")
 
@@ -213,11 +195,11 @@ def parameter_columns(identifiability: Json) -> tuple[Column, ...]:
     state = states(identifiability)
 
     def value(p: Json) -> str:
-        return measured(p["estimate"], p["sd"], "")
+        return text.measured(p["estimate"], p["sd"], "")
 
     return (
         Column("parameter", "name"),
-        Column("nominal", lambda p: as_precise(p["nominal"], value(p))),
+        Column("nominal", lambda p: text.as_precise(p["nominal"], value(p))),
         Column("value(u)", value),
         Column("unit", "unit", unit_label, words=True),
         Column("prior u", "prior_sd", lambda sd: f"{float(f'{sd:.2g}'):.9g}"),
@@ -229,7 +211,7 @@ def parameter_table(parameters: Sequence[Json], identifiability: Json, every: bo
     """Parameters with standard uncertainties; with `every` those of the targets too."""
     shown = [p for p in parameters if every or p["effect"] not in NOT_ARM]
     columns = parameter_columns(identifiability)
-    notes = "\n".join(parameter_notes([p["effect"] for p in parameters]))
+    notes = "\n".join(text.parameter_notes([p["effect"] for p in parameters]))
 
     def style(p: Any) -> str:
         return "yellow" if columns[-1].value(p) == "no" else ""
@@ -259,14 +241,14 @@ def _table(compared: Agreement) -> Sheet:
     rows = []
     for k in shown:
         unit, factor = UNITS[compared.units[k]]
-        values = (with_u(factor * value[k], factor * sd[k]) for value, sd in estimates)
-        rows.append((with_unit(compared.names[k], unit), *values, f"{furthest[k]:.1f}"))
+        values = (text.with_u(factor * value[k], factor * sd[k]) for value, sd in estimates)
+        rows.append((text.with_unit(compared.names[k], unit), *values, f"{furthest[k]:.1f}"))
     headings = ("parameter by session", *compared.alone, "together", "difference / u")
     caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
     return sheet_of_cells(headings, rows, caption if len(shown) < len(compared.names) else "")
 
 
-def verdicts(compared: Agreement) -> Facts:
+def verdicts(compared: Agreement) -> text.Facts:
     """Whether every two sessions agree: lines of a heading, words and their style."""
     for pair in compared.pairs:
         if pair.disagree:

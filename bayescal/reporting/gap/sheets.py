@@ -9,23 +9,10 @@ from bayescal.effects.location import Site, of_sign
 from bayescal.gap.result import MARGINS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import scaled
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
-from bayescal.reporting.shared.text import (
-    MISSING,
-    NEVER,
-    length,
-    level_labels,
-    measured,
-    p_value,
-    per_residual,
-    probability,
-    quantity,
-    reduction,
-    rival,
-    share,
-    signed,
-)
+from bayescal.reporting.shared.text import p_value
 from bayescal.storage.reading import Json
 
 UNMODELLED = ("unknown", "named+unexplained")
@@ -84,19 +71,19 @@ def exceeds(record: Json) -> bool:
 
 def rms_of(record: Json) -> str:
     """What RMS values of groups and locations are: for points they are per coordinate."""
-    return f"RMS{per_residual(record)}"
+    return f"RMS{text.per_residual(record)}"
 
 
 def size_of(record: Json, place: Json) -> str:
     """Size of the error at a location."""
-    return f"{length(place['rms_um'])} µm {rms_of(record)}"
+    return f"{text.length(place['rms_um'])} µm {rms_of(record)}"
 
 
 def amplitude_of(a: Json) -> str:
     """An amplitude with u and unit."""
     what, value = of_sign(a["what"], a["value"])
-    text = f"{what} {measured(value, a['u'], a['unit'])}"
-    return text if a["significant"] else f"{text}, not significant alone"
+    size = f"{what} {text.measured(value, a['u'], a['unit'])}"
+    return size if a["significant"] else f"{size}, not significant alone"
 
 
 def sizes_of(some: Sequence[Json]) -> str:
@@ -114,9 +101,9 @@ def share_of(record: Json, effect: str) -> str:
     """Share of the excess variance at the largest location that an effect explains, named among several."""
     places = [w for w in record["where"] if w["explained_by"] and effect in w["explained_by"].split(", ")]
     if not places or places[0]["share"] is None:
-        return MISSING
+        return text.MISSING
     several = len({w["site"] for w in places}) > 1
-    return share(places[0]["share"]) + (f" at {site_of(places[0]['site'])}" if several else "")
+    return text.share(places[0]["share"]) + (f" at {site_of(places[0]['site'])}" if several else "")
 
 
 def effects_sheet(record: Json) -> Sheet:
@@ -126,10 +113,12 @@ def effects_sheet(record: Json) -> Sheet:
         some = amplitudes_of(record, name)
         size, location, part = sizes_of(some), sites_of(some), share_of(record, name)
         if place and name == OTHER:
-            size, location, part = size_of(record, place), place["text"], share(place["share"])
-        text = MISSING if p is None else probability(p)
-        bar = Bar(p or 0.0, text, name in record["credible_set90"])
-        items.append((rival(name), bar, size or MISSING, location or MISSING, part, least.get(name)))
+            size, location, part = size_of(record, place), place["text"], text.share(place["share"])
+        stated = text.MISSING if p is None else text.probability(p)
+        bar = Bar(p or 0.0, stated, name in record["credible_set90"])
+        items.append(
+            (text.rival(name), bar, size or text.MISSING, location or text.MISSING, part, least.get(name))
+        )
     columns = (
         Column("effect", 0),
         Column("probability", 1, as_is),
@@ -156,18 +145,18 @@ def _detectable(record: Json) -> dict[str, str]:
 
 def _least(spot: Json) -> str:
     least, usual = spot["smallest_nameable"], spot["plausible"]["value"]
-    never = least["value"] is None or (usual is not None and least["value"] >= NEVER * usual)
-    return "not detectable" if never else quantity(least["value"], least["unit"])
+    never = least["value"] is None or (usual is not None and least["value"] >= text.NEVER * usual)
+    return "not detectable" if never else text.quantity(least["value"], least["unit"])
 
 
 NOT_ASSESSED = (Column("not assessed", 0), Column("why", 1, words=True))
 HYPOTHESES = (
-    Column("set of effects", lambda h: " + ".join(map(rival, h["effects"])) or rival(NULL)),
-    Column("probability", "probability", lambda p: Bar(p, probability(p))),
-    Column("log evidence (nats)", "log_evidence", lambda nats: signed(nats, 1)),
+    Column("set of effects", lambda h: " + ".join(map(text.rival, h["effects"])) or text.rival(NULL)),
+    Column("probability", "probability", lambda p: Bar(p, text.probability(p))),
+    Column("log evidence (nats)", "log_evidence", lambda nats: text.signed(nats, 1)),
 )
 ADVICE = (
-    Column("separates", lambda a: " and ".join(map(rival, a["separates"]))),
+    Column("separates", lambda a: " and ".join(map(text.rival, a["separates"]))),
     Column("measure", "what", words=True),
     Column("rows in next.csv", lambda a: len(a["contacts"]) or None),
     Column("detectability", lambda a: f"{a['lambda_before']:.0f} to {a['lambda_after']:.0f}"),
@@ -185,8 +174,8 @@ def places_of(record: Json) -> list[Json]:
 
 def pair_of(record: Json, names: Sequence[str]) -> list[str]:
     """Hypotheses that an advice distinguishes; beside names, none of either is no further effect."""
-    none = "no further effect" if record["named"] else rival(NULL)
-    return [none if name in (NULL, rival(NULL)) else rival(name) for name in names]
+    none = "no further effect" if record["named"] else text.rival(NULL)
+    return [none if name in (NULL, text.rival(NULL)) else text.rival(name) for name in names]
 
 
 def where_sheet(record: Json) -> Sheet:
@@ -197,7 +186,7 @@ def where_sheet(record: Json) -> Sheet:
     columns = (
         Column("location and dependence", "text"),
         Column(f"{rms_of(record)} (µm)", bar_of(places, "rms_um", marked), as_is),
-        Column("share of the excess", lambda w: w["share"] if excess and marked(w) else None, share),
+        Column("share of the excess", lambda w: w["share"] if excess and marked(w) else None, text.share),
         Column("p", "family_p_value", p_value),
         Column("explained by", lambda w: w["explained_by"] or None, words=True),
     )
@@ -219,7 +208,7 @@ def _margin(record: Json, key: str) -> Sheet:
         Column(key, "label"),
         Column("rows", "count"),
         Column(f"{rms_of(record)} (µm)", bars, as_is),
-        Column("mean (µm)", "mean_um", length),
+        Column("mean (µm)", "mean_um", text.length),
         Column("p", "p_value", p_value),
     )
     before = ", before the refit" if record["named"] else ""
@@ -240,11 +229,11 @@ def levels_sheet(record: Json, shown: Sequence[tuple[str, str]] = (), missing: s
 
     def gain(step: Json) -> str | None:
         spread = "" if step["delta_elpd_se"] is None else f" ± {step['delta_elpd_se']:.0f}"
-        return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else missing
+        return f"{text.signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else missing
 
     shown = shown or (LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS)
     columns = Column("difference of log density (nats)", gain)
-    return level_sheet(record["ladder"], shown, level_labels(record["ladder"]), columns)
+    return level_sheet(record["ladder"], shown, text.level_labels(record["ladder"]), columns)
 
 
 MEASURED = {"planes": "contacts"}
@@ -286,10 +275,10 @@ def improvements(record: Json) -> Sheet:
     columns = (
         Column("refit with the named effects", "what"),
         Column("number", "count"),
-        Column("before (µm)", "before_rms_um", length),
-        Column("after (µm)", lambda s: length(s["after_rms_um"]) if s["claimed"] else "not claimed"),
-        Column("expected (µm)", "predicted_rms_um", length),
-        Column("limit (µm)", "floor_um", length),
+        Column("before (µm)", "before_rms_um", text.length),
+        Column("after (µm)", lambda s: text.length(s["after_rms_um"]) if s["claimed"] else "not claimed"),
+        Column("expected (µm)", "predicted_rms_um", text.length),
+        Column("limit (µm)", "floor_um", text.length),
         *(Column(h, of_key(_reduction, k)) for k, h in enumerate(("removed", "95 %"))),
     )
     caption = (
@@ -299,7 +288,7 @@ def improvements(record: Json) -> Sheet:
 
 
 def _reduction(s: Json, part: int) -> str:
-    return reduction(s["removed"], s["removed_interval95"], s["claimed"])[part]
+    return text.reduction(s["removed"], s["removed_interval95"], s["claimed"])[part]
 
 
 def blind_sheet(record: Json) -> Sheet:
@@ -312,7 +301,7 @@ def blind_sheet(record: Json) -> Sheet:
 
     columns = (
         Column("may be missed", lambda b: f"{b['effect']}, {site_of(b['site'])}"),
-        Column("plausible", lambda b: quantity(b["plausible"]["value"], b["plausible"]["unit"])),
+        Column("plausible", lambda b: text.quantity(b["plausible"]["value"], b["plausible"]["unit"])),
         Column("detectable from", _least),
         Column("distance error if undetected", error, as_is),
     )

@@ -25,19 +25,9 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import images_keys, images_sheet
 from bayescal.reporting.shared.sheet import Column, Sheet, as_is
-from bayescal.reporting.shared.text import (
-    MISSING,
-    interval,
-    length,
-    model_label,
-    p_value,
-    parameter_notes,
-    share,
-    signed,
-    uncertainty,
-)
 from bayescal.statistics import rms
 from bayescal.storage.reading import Json
 
@@ -59,7 +49,7 @@ def first(run: Run) -> Section:
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
     told = [c for c in (reasons or doubts)[:REASONS] if c["words"] not in against]
-    faults += [Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in told]
+    faults += [Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)) for c in told]
     warnings, notes = _warnings(record)
     return FirstScreen(
         verdict["words"][:1].upper() + verdict["words"][1:],
@@ -80,7 +70,7 @@ def _warnings(record: Json) -> tuple[list[str], list[str]]:
     failed = {c["test"] for c in record["verdict"]["reasons"]}
     again = {f["text"] for f in record["findings"] if f["code"] in failed}
     notes = [f["text"] for f in record["findings"] if f["severity"] == "note"]
-    others = [text for text in dict.fromkeys(record["warnings"]) if text not in again and text not in notes]
+    others = [w for w in dict.fromkeys(record["warnings"]) if w not in again and w not in notes]
     return others, list(dict.fromkeys(notes))
 
 
@@ -103,9 +93,9 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
     over = f"{expected['count']} distances, {low:.0f} to {high:.0f} mm, between {expected['over']}"
     yield (
         "Distance error, expected",
-        f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected['k']:.2f})",
-        f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
-        f"{interval(expected['predicted_interval95_um'])} µm; {over}",
+        f"U = {text.uncertainty(expected['expanded_U_um'])} µm (k = {expected['k']:.2f})",
+        f"RMS {text.uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
+        f"{text.interval(expected['predicted_interval95_um'])} µm; {over}",
     )
     if checked := validation["distances"]:
         before, after = (np.array([d[f"{level}_error_um"] for d in checked]) for level in LEVELS)
@@ -124,7 +114,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
         squares = (sum(p["count"] * p[f"{level}_rms_um"] ** 2 for p in planes) for level in LEVELS)
         change = _change(*(math.sqrt(total / count) for total in squares))
         largest = max(p["calibrated_max_um"] for p in planes)
-        detail = f"maximum now {length(largest)} µm; {count} validation contacts"
+        detail = f"maximum now {text.length(largest)} µm; {count} validation contacts"
         yield "Contact error, nominal → calibrated", f"{change} RMS", detail
     if decided := record["acceptance"]:
         value = f"{decided['decision']} at {decided['tolerance_mm']:g} mm"
@@ -132,7 +122,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
 
 
 def _change(before: float, after: float) -> str:
-    return f"{length(before)} → {length(after)} µm"
+    return f"{text.length(before)} → {text.length(after)} µm"
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
@@ -162,7 +152,7 @@ def levels(run: Run) -> Section | None:
     )
     if not levelled(run.record):
         return None
-    names = [model_label(step["model"]) for step in run.record["ladder"]]
+    names = [text.model_label(step["model"]) for step in run.record["ladder"]]
     return blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
 
 
@@ -203,7 +193,7 @@ def parameters(run: Run) -> Section | None:
     of_arm = [p for p in run.record["parameters"] if p["effect"] not in sheets.NOT_ARM]
     other = [p for p in run.record["parameters"] if p["effect"] in sheets.NOT_ARM]
     notes = (
-        *parameter_notes([p["effect"] for p in of_arm]),
+        *text.parameter_notes([p["effect"] for p in of_arm]),
         "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
         "±3 prior standard deviations",
     )
@@ -234,7 +224,7 @@ def correlations(run: Run) -> Section | None:
     columns = (
         Column("parameter", "a"),
         Column("parameter", "b", words=True),
-        Column("correlation", "r", lambda r: signed(r, 3)),
+        Column("correlation", "r", lambda r: text.signed(r, 3)),
     )
     caption = "The strongest correlations: only their combination is well known"
     table = Sheet(columns, pairs, caption, PAIRS)
@@ -246,14 +236,14 @@ def sampler(run: Run) -> Section | None:
     """Whether the posterior draws suffice."""
     s = run.record["sampler"]
     if not s["acceptance"]:
-        text = Text("Gaussian approximation (--samples 0): nothing was sampled.")
-        return blocks("sampler", "Sampler", text)
-    error = share(s["monte_carlo_error"]["largest_over_sd"])
+        none = Text("Gaussian approximation (--samples 0): nothing was sampled.")
+        return blocks("sampler", "Sampler", none)
+    error = text.share(s["monte_carlo_error"]["largest_over_sd"])
     lines = (
         ("state", "converged" if s["converged"] else f"not converged: {s['complaint']}"),
         ("draws", f"{s['draws']} from {s['ensembles']} ensembles of {s['walkers']} walkers"),
         ("effective draws", f"at least {s['ess']['min']:.0f} ({s['ess']['of']}), {s['ess']['counted_on']}"),
-        ("R-hat", MISSING if s["rhat"]["max"] is None else f"at most {s['rhat']['max']:.4f}"),
+        ("R-hat", text.MISSING if s["rhat"]["max"] is None else f"at most {s['rhat']['max']:.4f}"),
         ("acceptance", ", ".join(f"{name} {rate:.2f}" for name, rate in s["acceptance"].items())),
         ("moves", s["moves"]),
         ("Monte Carlo error", f"at most {error} of an uncertainty"),
@@ -271,10 +261,10 @@ def outliers(run: Run) -> Section | None:
         for c in record["verdict"]["shared_causes"]
     ]
     repeats = noise["repeats_um"]
-    scatter = "" if repeats is None else f", {AGAIN[noise['group']]} {length(repeats)} µm"
+    scatter = "" if repeats is None else f", {AGAIN[noise['group']]} {text.length(repeats)} µm"
     of_noise = (
-        f"Noise: residual standard deviation {length(noise['estimated_um'])} µm, stated "
-        f"{length(noise['stated_um'])} µm{scatter}."
+        f"Noise: residual standard deviation {text.length(noise['estimated_um'])} µm, stated "
+        f"{text.length(noise['stated_um'])} µm{scatter}."
     )
     tests = Sheet(sheets.TESTS, record["verdict"]["tests"], "Tests of the model")
     words = words if rejected else "No measurement was rejected."
