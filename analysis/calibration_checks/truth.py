@@ -20,8 +20,8 @@ from analysis.calibration_checks.designs import Design, planned
 from bayescal.dataset import Dataset, Target
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import taken
-from bayescal.effects.bending import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
 from bayescal.effects.geometry import TOOL
+from bayescal.effects.gravity import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
 from bayescal.estimate import STATED_WORTH, linearise, unit_weights
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene

@@ -21,7 +21,7 @@ import numpy as np
 from bayescal.changes.joint import Joint
 from bayescal.changes.linear import LEAST, PER_MOMENT, Errors, Evidence, integrated
 from bayescal.effects import Parameter, confusable
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.settings import VERDICT
 

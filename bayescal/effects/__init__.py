@@ -9,10 +9,10 @@ from dataclasses import replace
 
 from bayescal.arm.chain import Prior
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
-from bayescal.effects.bending import AXIS_BENDING, BENDING, PAYLOAD, compliances
 from bayescal.effects.by_time import STEP, THERMAL_DRIFT
 from bayescal.effects.compliance import BASE_COMPLIANCE, COMPLIANCE, HARDENING
 from bayescal.effects.geometry import GEOMETRY, JOINT, TOOL
+from bayescal.effects.gravity import AXIS_BENDING, BENDING, PAYLOAD, compliances
 from bayescal.effects.imaging import (
     BOARD_BOW,
     BOARD_SCALE,

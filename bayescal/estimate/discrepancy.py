@@ -37,8 +37,8 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects import Parameter
-from bayescal.effects.bending import masses
 from bayescal.effects.compliance import COMPLIANCE
+from bayescal.effects.gravity import masses
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.families import Family, families, poses, with_compliances
 from bayescal.estimate.further import linearised_with, model_with

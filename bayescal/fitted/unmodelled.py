@@ -28,7 +28,7 @@ from bayescal.assess.inputs import NOISE, READINGS, Basis
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.write import appended
 from bayescal.effects import Parameter
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate.discrepancy import MASSES, mixed, sized
 from bayescal.estimate.families import compliant, families

@@ -14,7 +14,7 @@ import numpy as np
 from bayescal.assess.findings import differing, noise_ratios
 from bayescal.assess.shared_causes import SharedCause, completed, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.effects.imaging import reading_errors
 from bayescal.effects.selection import plain as plain_name
 from bayescal.errors import attempted

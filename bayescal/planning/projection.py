@@ -18,7 +18,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter, named
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, unfitted
 from bayescal.estimate.families import with_compliances

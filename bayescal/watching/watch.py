@@ -19,7 +19,7 @@ from bayescal.dataset.table import table_of
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Measurements
 from bayescal.effects import BASELINE
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError, attempted
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances

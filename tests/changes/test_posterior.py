@@ -10,8 +10,8 @@ import bayescal as bc
 from bayescal.changes import search as posterior
 from bayescal.changes.linear import LEAST, Errors
 from bayescal.changes.search import FREE, Member, Search, Weighed
-from bayescal.effects.bending import masses
 from bayescal.effects.compliance import COMPLIANCE
+from bayescal.effects.gravity import masses
 from bayescal.model.scene import Scene
 
 

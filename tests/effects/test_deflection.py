@@ -12,8 +12,8 @@ from sessions import circumstances, with_columns
 from bayescal.arm.chain import Robot, chain_of, link_angles
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS, Circumstances, location, parameters_of
-from bayescal.effects.bending import MASS_SHARE, masses
 from bayescal.effects.by_time import PAUSES, heated
+from bayescal.effects.gravity import MASS_SHARE, masses
 from bayescal.effects.location import ARM, KINDS, PLAIN, PROBE, Driver, Site, face, joint, link
 from bayescal.effects.location import BASE as BASE_SITE
 from bayescal.errors import BayescalError

@@ -11,8 +11,8 @@ from sessions import circumstances
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.dataset import Target
 from bayescal.effects import EFFECTS
-from bayescal.effects.bending import cantilever, supported
 from bayescal.effects.common import ORDERS
+from bayescal.effects.gravity import cantilever, supported
 from bayescal.model import build
 from bayescal.model.equilibrium import standing
 from bayescal.model.scene import Scene

@@ -16,7 +16,7 @@ from bayescal import effects
 from bayescal.arm.chain import frames, link_angles, points
 from bayescal.arm.transforms import AXES, rigid, rpy_matrix
 from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, selection
-from bayescal.effects.bending import compliances
+from bayescal.effects.gravity import compliances
 from bayescal.effects.location import Driver, face, joint, link
 from bayescal.effects.selection import Selection, shortest
 from bayescal.effects.vocabulary import same_terms

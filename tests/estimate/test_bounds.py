@@ -14,7 +14,7 @@ from bayescal.arm.statics import torques_on_links
 from bayescal.assess.acceptance import not_physical
 from bayescal.dataset import Noise, read_dataset, write_dataset
 from bayescal.dataset.join import joined
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Weights, calibrated, estimate
 from bayescal.estimate.bounds import UNCHANGED, bounded, negative

@@ -10,7 +10,7 @@ from sessions import with_columns
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
 from bayescal.effects import EFFECTS, Circumstances
-from bayescal.effects.bending import masses
+from bayescal.effects.gravity import masses
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import Bank, Projected, project, weigh_sets
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from bayescal.arm.motion import CONTACT
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS, parameters_of
-from bayescal.effects import bending as mass_errors
+from bayescal.effects import gravity as mass_errors
 from bayescal.effects.compliance import expected
 from bayescal.effects.imaging import without_camera
 from bayescal.effects.location import joint

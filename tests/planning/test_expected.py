@@ -297,7 +297,7 @@ def test_a_greedy_step_equals_a_trial_of_every_candidate() -> None:
 
 def test_real_columns_are_those_of_a_diagnosis() -> None:
     """All candidates chosen: the detectability is that by the state of a fit of the same contacts."""
-    from bayescal.effects.bending import masses
+    from bayescal.effects.gravity import masses
     from bayescal.estimate.families import with_compliances
     from bayescal.gap.design.blind_spots import seats
     from bayescal.gap.linear.problem import problem

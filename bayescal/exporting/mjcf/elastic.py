@@ -20,9 +20,9 @@ from scipy.optimize import nnls
 from bayescal.arm.statics import Loads
 from bayescal.arm.transforms import AXES
 from bayescal.effects import named
-from bayescal.effects.bending import BENDING, across, ends
 from bayescal.effects.common import alone, tilts, vertical
 from bayescal.effects.compliance import BASE_COMPLIANCE
+from bayescal.effects.gravity import BENDING, across, ends
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import at_state

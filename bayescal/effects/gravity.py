@@ -1,4 +1,4 @@
-"""Bending of bearings, links and beams of linear axes; gravity: added loads, errors of the stated masses.
+"""Gravity on an arm: bending of bearings, links and linear axes; added loads, errors of the stated masses.
 
 A site that the model contains deflects by its fitted (or true) compliance: joints, bearings, links and the
 base. A joint of unknown compliance has the value of the robot file, or a typical one; any other site whose
