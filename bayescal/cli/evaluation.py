@@ -11,6 +11,8 @@ import typer
 from bayescal.cli.root import command, progress, run_folder, said, show
 from bayescal.errors import BayescalError
 from bayescal.public import functions, planning, watching
+from bayescal.public.motions import MotionFitResult
+from bayescal.public.results import console, drawing_beside
 
 
 @command(
@@ -63,8 +65,6 @@ def fit(
     verbose
         Print all distances, all parameters, weak directions and the sampler.
     """
-    from bayescal.public.motions import MotionFitResult
-    from bayescal.public.results import console, drawing_beside
     from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
 
     with run_folder(out, datasets, "fit") as folder, drawing_beside(pictures), progress() as notify:
@@ -105,8 +105,6 @@ def gap(
     allow_xacro
         As of `fit`.
     """
-    from bayescal.public.results import drawing_beside
-
     with run_folder(out, datasets, "gap") as folder, drawing_beside(pictures), progress() as notify:
         result = functions.diagnose(datasets, progress=notify, **options)
         notify("write", 0.0)
@@ -250,8 +248,6 @@ def watch(
     pictures
         Write watch.png and the figures of fit.
     """
-    from bayescal.public.results import console
-
     terminal = console()
     with run_folder(out, [dataset], "fit") as folder:
         options |= {"say": lambda event: terminal.print(watching.words(event), soft_wrap=True)}

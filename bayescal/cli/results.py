@@ -12,6 +12,7 @@ from bayescal.cli.root import check_format, command, print_as, progress, said, s
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.public import arms
+from bayescal.public.results import console
 
 
 @command(
@@ -121,7 +122,6 @@ def export(
     """
     from bayescal.public.budgets import CertificateResult
     from bayescal.public.budgets import certificate as certify
-    from bayescal.public.results import console
 
     result: CertificateResult | arms.ExportResult
     if to == CERTIFICATE:

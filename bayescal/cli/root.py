@@ -21,6 +21,7 @@ from typer.models import ParameterInfo
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
+from bayescal.public.results import console
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -185,8 +186,6 @@ def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Iter
 
 def show(report: RenderableType, folder: Path, written: Sequence[str]) -> None:
     """Print a result, and the names of the files that were written to its run folder."""
-    from bayescal.public.results import console
-
     terminal = console()
     terminal.print(report)
     said(terminal, "written", f"{folder}/{', '.join(written)}")
@@ -236,8 +235,6 @@ class _Bar:
 
     def __init__(self, first: str) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        from bayescal.public.results import console
 
         self.terminal = console(stderr=True)
         columns = TextColumn("{task.description:>9}", markup=False), BarColumn(), TimeRemainingColumn()

@@ -8,6 +8,8 @@ from pathlib import Path
 import typer
 
 from bayescal.cli.root import check_format, command, print_as
+from bayescal.errors import BayescalError
+from bayescal.public import functions
 
 
 @command(
@@ -247,13 +249,11 @@ def simulate(
     given = dict(locals())
     import math
 
-    from bayescal.public.functions import PRACTICE
-    from bayescal.public.functions import simulate as run
     from bayescal.simulation.record import TRUTH
     from bayescal.storage.folders import claimed
 
     with claimed(out, TRUTH):
-        options = {key: given[key] for key in PRACTICE} | {"name": name or out.resolve().name}
+        options = {key: given[key] for key in functions.PRACTICE} | {"name": name or out.resolve().name}
         if setup is not None:
             _check_given(context)
         else:
@@ -261,7 +261,9 @@ def simulate(
             options |= {key: given[key] for key in of_artefact}
             options |= {"noise": noise_um * 1e-6, "joint_noise": math.radians(joint_noise_deg)}
             options["payload"] = payload_kg
-        session = run(robot, effects, seed=seed, allow_xacro=allow_xacro, setup=setup, **options)
+        session = functions.simulate(
+            robot, effects, seed=seed, allow_xacro=allow_xacro, setup=setup, **options
+        )
         session.save(out)
     typer.echo(str(session))
     typer.echo(f"written to {out}")
@@ -269,10 +271,7 @@ def simulate(
 
 def _check_given(context: typer.Context) -> None:
     """Refuse options that a set-up states itself."""
-    from bayescal.errors import BayescalError
-    from bayescal.public.functions import PRACTICE
-
-    applies = {*PRACTICE, "out", "effects", "seed", "setup", "allow_xacro"}
+    applies = {*functions.PRACTICE, "out", "effects", "seed", "setup", "allow_xacro"}
     for name in context.params:
         source = context.get_parameter_source(name)
         if name not in applies and source is not None and source.name == "COMMANDLINE":

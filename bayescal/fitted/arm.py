@@ -26,6 +26,7 @@ from bayescal.fitted.gate import NOTHING, Use
 from bayescal.fitted.unmodelled import Circumstance, Unmodelled, posed_rows
 from bayescal.model import ARM, USUAL, FitOptions, Model
 from bayescal.model.equilibrium import standing_model
+from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import by_points
 
 if TYPE_CHECKING:
@@ -345,7 +346,6 @@ def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
     if not names:
         return []
     from bayescal.gap.search.gate import gain
-    from bayescal.predict.crossvalidation import validation_errors
 
     errors = [validation_errors(e.estimate, strict=False) for e in fit.levels[-len(names) - 1 :]]
     return [

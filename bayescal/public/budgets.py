@@ -5,22 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
 from math import inf
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from rich.console import RenderableType
+
+from bayescal.assess import budget as work
+from bayescal.assess import measurand as measurands
+from bayescal.assess.budget import Budget
+from bayescal.assess.inputs import Basis
+from bayescal.calibration import basis_of
 from bayescal.errors import BayescalError
-from bayescal.public.results import FitResult, GapResult, Printed
+from bayescal.exporting.dcc import check_valid, dcc, read_entries
+from bayescal.fitted import gate
+from bayescal.fitted.arm import FittedArm, of_fit
+from bayescal.fitted.file import check_restored, restored
+from bayescal.public.positions import arm_of
+from bayescal.public.results import FitResult, GapResult, Printed, table
+from bayescal.reporting.fit.budget import budget_csv, budget_record, budget_table
+from bayescal.storage.files import write_together
 from bayescal.storage.reading import read_json
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-    from rich.console import RenderableType
-
-    from bayescal.assess.budget import Budget
-    from bayescal.assess.inputs import Basis
-    from bayescal.fitted.arm import FittedArm
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,37 +60,26 @@ class BudgetResult(Printed):
     @cached_property
     def record(self) -> dict[str, Any]:
         """The content of a budget.json with this budget alone."""
-        from bayescal.reporting.fit.budget import budget_record
-
         return budget_record((self.data,), self.basis, self.seed)
 
     @property
     def components(self) -> DataFrame:
         """The components by name: type, value, u, sensitivity, contribution."""
-        from pandas import DataFrame
-
-        table = DataFrame(self.record["components"]).set_index("name")
-        return table.drop(columns="by_target")
+        return table(self.record["components"], "name").drop(columns="by_target")
 
     @property
     def csv(self) -> str:
         """The components and their sum, as CSV."""
-        from bayescal.reporting.fit.budget import budget_csv
-
         return budget_csv((self.data,))
 
     def report(self) -> RenderableType:
         """The table, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.fit.budget import budget_table
-
         return budget_table(self.data)
 
     def __repr__(self) -> str:
         return f"<budget of {self.data.measurand.name}: {self.record['text']}>"
 
     def _repr_html_(self) -> str:
-        from html import escape
-
         return f"<pre>{escape(str(self))}</pre>"
 
 
@@ -129,11 +129,6 @@ def budget(
     >>> bool(abs((found.components["contribution"] ** 2).sum() ** 0.5 - found.u) < 1e-9)
     True
     """
-    import numpy as np
-
-    from bayescal.assess import budget as work
-    from bayescal.assess import measurand as measurands
-
     if (distance is not None) + bool(parameter) + (point is not None) > 1:
         what = "more than one measurand is asked for"
         raise BayescalError(what, "budget", "give one of a distance, a parameter and a point")
@@ -162,11 +157,6 @@ def budget(
 
 def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm, Basis, int]:
     """The arm of a run, and what was stated of it."""
-    from bayescal.calibration import basis_of
-    from bayescal.fitted.arm import of_fit
-    from bayescal.fitted.file import check_restored, restored
-    from bayescal.public.positions import arm_of
-
     if isinstance(run, FitResult) and run.data is not None:
         return of_fit(run.data), run.data.basis, run.data.options.seed
     arm = arm_of(run)
@@ -210,8 +200,6 @@ class CertificateResult(Printed):
 
     def save(self, path: str | PathLike[str] | None = None) -> tuple[Path, ...]:
         """Write the certificate; return its path. A file that exists is not replaced."""
-        from bayescal.storage.files import write_together
-
         file = Path(path or self.name)
         if file.exists():
             raise BayescalError("exists", str(file), "give another --out: certificates are not replaced")
@@ -246,9 +234,6 @@ def certificate(
     BayescalError
         With the entries that are missing, reasons against the arm, or what is not valid.
     """
-    from bayescal.exporting.dcc import check_valid, dcc, read_entries
-    from bayescal.fitted import gate
-
     if not str(entries):
         what = "a certificate needs its administrative data"
         raise BayescalError(what, "--certificate", "name a YAML file: see docs/budget.md")

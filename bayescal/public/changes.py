@@ -8,19 +8,23 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.console import RenderableType
+
+from bayescal.changes import history as runs
+from bayescal.changes import outcome
+from bayescal.compensating.compensation import read_targets
+from bayescal.programs.text import Target
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
 from bayescal.public.results import Result, table
+from bayescal.reporting.changed import changed_record, changed_summary, write_changed
+from bayescal.reporting.history import history_record, history_summary, write_history
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-    from rich.console import RenderableType
 
-    from bayescal.changes.history import History
-    from bayescal.changes.outcome import Changed
-    from bayescal.programs.text import Target
     from bayescal.public.functions import Source
 
 
@@ -28,23 +32,17 @@ if TYPE_CHECKING:
 class ChangedResult(Result):
     """What changed between sessions; `print` shows it. `record` is the content of changed.json."""
 
-    data: Changed | None = None
+    data: outcome.Changed | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.changed import changed_record
-
         return changed_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.changed import changed_summary
-
         return changed_summary(self.record)
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write changed.json, changed.html and changed.csv; return their names."""
-        from bayescal.reporting.changed import write_changed
-
         return write_changed(self.record, Path(folder))
 
     @property
@@ -112,17 +110,15 @@ def changed(
     >>> bc.changed(sessions, "geometry").record["arm"]  # the cube stands elsewhere
     'same'
     """
-    from bayescal.changes.outcome import changed as run
-
     read = [session_of(d, allow_xacro=allow_xacro) for d in datasets]
     targets: Sequence[Target] = ()
     unused: Sequence[str] = ()
     if at is not None and read:
-        from bayescal.compensating.compensation import read_targets
-
         given = read_targets(Path(at), read[-1].robot)
         targets, unused = given.targets, given.kept
-    found = run(read, names(model), remounted=remounted, robust=robust, targets=targets, progress=progress)
+    found = outcome.changed(
+        read, names(model), remounted=remounted, robust=robust, targets=targets, progress=progress
+    )
     if unused:
         said = f"{at}: `{'`, `'.join(unused)}` states nothing of a target and was not used"
         found = replace(found, warnings=(*found.warnings, said))
@@ -133,23 +129,17 @@ def changed(
 class HistoryResult(Result):
     """The history of an arm; `print` shows the conclusion. `record` is the content of history.json."""
 
-    data: History | None = None
+    data: runs.History | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.history import history_record
-
         return history_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.history import history_summary
-
         return history_summary(self.record)
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write history.json, history.html and history.csv; return their names."""
-        from bayescal.reporting.history import write_history
-
         return write_history(self.record, Path(folder))
 
     @property
@@ -189,7 +179,5 @@ def history(
     BayescalError
         For runs of different arms, or of fewer than two sessions.
     """
-    from bayescal.changes.history import history as run
-
     limit = None if limit_mm is None else 1e-3 * limit_mm
-    return HistoryResult(run(Path(folder), names(order), limit, progress))
+    return HistoryResult(runs.history(Path(folder), names(order), limit, progress))

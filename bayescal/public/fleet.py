@@ -12,18 +12,22 @@ from functools import partial
 from hashlib import sha256
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bayescal import __version__
 from bayescal.errors import BayescalError, listed, reason
+from bayescal.fleets.compare import Member, models_of, read_likelihood
 from bayescal.public.arms import names
 from bayescal.public.fleet_results import CSV, FleetResult, robot_text
-from bayescal.public.functions import MODEL
-from bayescal.storage.folders import LIST
+from bayescal.public.functions import MODEL, diagnose, fit, read_dataset
+from bayescal.reporting.fleet_record import FLEET, SCHEMA, fleet_record, session_entry, with_fit, with_gap
+from bayescal.reporting.fleet_report import fleet_page
+from bayescal.storage.files import json_text, write_together
+from bayescal.storage.folders import LIST, check_unchanged
+from bayescal.storage.locks import alone
 from bayescal.storage.reading import Json, decoded, read_record
 from bayescal.storage.stopping import Progress, keeping, silent
-
-if TYPE_CHECKING:
-    from bayescal.fleets.compare import Member
+from bayescal.storage.workers import Lost, results
 
 STATE, STATE_SCHEMA = "session.json", "bayescal-fleet-session/1"
 BELOW = "sessions"
@@ -59,8 +63,6 @@ class Task:
 
     def there(self, state: Json, command: str, inputs: Json) -> bool:
         """Whether the run folder of a command is there, and of these inputs."""
-        from bayescal.storage.folders import check_unchanged
-
         run, noted = self.folder / command, state["done"].get(command) == inputs
         begun = state["begun"] or {}
         if (begun.get("command"), begun.get("inputs")) == (command, inputs):
@@ -76,8 +78,6 @@ class Task:
 
     def failure(self, state: Json, inputs: Json) -> str:
         """Why this version failed with these inputs, "" if it did not."""
-        from bayescal import __version__
-
         failed = state["failed"] or {}
         return str(failed["error"]) if failed.get("inputs") == {**inputs, "version": __version__} else ""
 
@@ -98,8 +98,6 @@ def kept(task: Task) -> str | None:
 
 
 def _read(task: Task) -> Any:
-    from bayescal.public.functions import read_dataset
-
     return read_dataset(task.dataset, task.allow_xacro)
 
 
@@ -109,10 +107,6 @@ def computed(task: Task) -> str:
     A run folder that is there and of the same inputs is kept. Each is written atomically, and noted in the
     state of the session before and behind.
     """
-    from bayescal import __version__
-    from bayescal.public.functions import diagnose, fit
-    from bayescal.storage.files import json_text, write_together
-    from bayescal.storage.locks import alone
 
     def note(state: Json) -> None:
         write_together({task.folder / STATE: json_text(state)})
@@ -199,9 +193,6 @@ def fleet(
     BayescalError
         For no session, two of one name, a folder with other files, or a cluster that cannot be reached.
     """
-    from bayescal.storage.locks import alone
-    from bayescal.storage.workers import Lost, results
-
     folder, options = Path(out), {
         "model": list(names(model) or MODEL), "without": list(names(without)), "seed": seed, "robust": robust,
         "prior_width": prior_width,
@@ -282,8 +273,6 @@ def _arms(arm: str, sessions: Sequence[str]) -> Callable[[Json], str | None]:
 
 def _check(folder: Path) -> None:
     """Refuse a folder with anything in it that neither is of a fleet nor of one that was interrupted."""
-    from bayescal.reporting.fleet_record import FLEET, SCHEMA
-
     if _is_own(folder / FLEET, SCHEMA):
         return
     inside = _visible(folder)
@@ -314,8 +303,6 @@ def _entries(
     arm_of: Callable[[Json], str | None],
 ) -> list[Json]:  # fmt: skip
     """The sessions with what their run folders state, in the order of time within an arm."""
-    from bayescal.reporting.fleet_record import session_entry, with_fit, with_gap
-
     out: list[Json] = []
     seen: dict[str, str] = {}
     for name, task in tasks.items():
@@ -341,12 +328,6 @@ def _entries(
 
 def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
     """Compare the arms, and write the files of the fleet together."""
-    from bayescal.fleets.compare import models_of
-    from bayescal.public.functions import read_dataset
-    from bayescal.reporting.fleet_record import FLEET, fleet_record
-    from bayescal.reporting.fleet_report import fleet_page
-    from bayescal.storage.files import json_text, write_together
-
     models = models_of(list(_members(entries, folder, options["model"])))
     learnt = [k for k, m in enumerate(models) if m.learnt is not None]
     robots = {
@@ -365,8 +346,6 @@ def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
 
 
 def _members(entries: Sequence[Json], folder: Path, model: Sequence[str]) -> Iterator[Member]:
-    from bayescal.fleets.compare import Member, read_likelihood
-
     for e in entries:
         if e["arm"] is not None:
             run = folder / e["folder"] / ("gap" if e["gap"] else "fit")

@@ -8,26 +8,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.console import RenderableType
+
+from bayescal.arm.chain import Prior, Robot
+from bayescal.fleets.compare import Model, priors
 from bayescal.public.results import Printed, table
+from bayescal.reporting.fleet_report import summary
+from bayescal.robots import robot_to_yaml
+from bayescal.robots.schema import PRIOR_UNITS
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-    from rich.console import RenderableType
-
-    from bayescal.arm.chain import Robot
-    from bayescal.fleets.compare import Model
 
 CSV = "fleet.csv"
 
 
 def robot_text(model: Model, robot: Robot) -> str:
     """The text of a robot file with the prior that was learnt from the arms of a model."""
-    from bayescal.arm.chain import Prior
-    from bayescal.fleets.compare import priors
-    from bayescal.robots import robot_to_yaml
-    from bayescal.robots.schema import PRIOR_UNITS
-
     known = [p for p in priors(model) if p.parameter.unit in PRIOR_UNITS.values()]
     learnt = tuple(Prior(p.parameter.name, p.parameter.unit, p.mean, p.sd) for p in known)
     others = tuple(p for p in robot.priors if p.name not in {own.name for own in learnt})
@@ -47,8 +45,6 @@ class FleetResult(Printed):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.fleet_report import summary
-
         return summary(self.record)
 
     @cached_property

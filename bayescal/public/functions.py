@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -286,8 +286,6 @@ def simulate(
     >>> session
     <simulated session simulated: 100 rows>
     """
-    from dataclasses import fields
-
     from bayescal.dataset.read import expanded_robot
     from bayescal.robots import full_name, is_xacro, load_robot
     from bayescal.simulation import Options

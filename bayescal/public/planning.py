@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,8 +59,6 @@ class PlanResult(Result):
     @cached_property
     def contacts(self) -> DataFrame:
         """The contacts in the order of probing, by id: the columns of plan.csv, and `purpose`."""
-        from io import StringIO
-
         from pandas import read_csv
 
         from bayescal.reporting.page.plan import table_of_plan

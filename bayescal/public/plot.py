@@ -16,7 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.posterior.inference import CHAINS, chains_figure
 from bayescal.public.results import FitResult
+from bayescal.reporting.figures.figures import draw, drawn, posterior_content
+from bayescal.reporting.figures.parameters import label, weakest
+from bayescal.reporting.fit.posterior import variable
+from bayescal.storage.reading import read_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -188,10 +193,6 @@ def posterior(
     >>> [axes.get_xlabel() for axes in figure.axes[:2]]
     ['a2 (mm)', 'd4 (mm)']
     """
-    from bayescal.posterior.inference import CHAINS
-    from bayescal.reporting.figures.figures import drawn, posterior_content
-    from bayescal.reporting.figures.parameters import label, weakest
-
     if not isinstance(result, FitResult):
         raise BayescalError("the figure `posterior` is of a calibration", "bc.plot", "give a calibration")
     entries = {p["name"]: p for p in result.record["parameters"]}
@@ -202,16 +203,12 @@ def posterior(
                 raise BayescalError(f"there is no {what} `{name}`", "bc.plot.posterior", remedy)
     if kind == "density":
         return drawn(posterior_content(result.record, result.draws(list(entries)), names), width_mm, ax)
-    from bayescal.posterior.inference import chains_figure
-    from bayescal.reporting.fit.posterior import variable
 
     shown = list(names) or weakest(dict(result.record))
     return chains_figure(result.inference_data(), kind, {variable(n): label(entries[n]) for n in shown})
 
 
 def _budget(result: Any) -> Mapping[str, Any]:
-    from bayescal.storage.reading import read_json
-
     folder = getattr(result, "folder", None)
     if folder is None or not (path := Path(folder) / "budget.json").is_file():
         remedy = "save the result and load it, or give the content of a budget.json"
@@ -221,8 +218,6 @@ def _budget(result: Any) -> Mapping[str, Any]:
 
 
 def _drawn(name: str, result: Any, width_mm: float, ax: Axes | None) -> Figure:
-    from bayescal.reporting.figures.figures import draw
-
     record = result if isinstance(result, Mapping) else getattr(result, "record", None)
     if record is None:
         what = f"{type(result).__name__} is no result"

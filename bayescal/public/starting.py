@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.results import Printed
 from bayescal.storage.reading import Json
@@ -188,7 +189,6 @@ def check(
     <check of simulated: no findings>
     """
     from bayescal.dataset.read import expanded_robot
-    from bayescal.errors import BayescalError
     from bayescal.logs import is_log
     from bayescal.preparing.check import check as run
     from bayescal.preparing.joint_log import check_log

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
@@ -100,8 +101,6 @@ def outlined(shape: Shape, i: int, j: int) -> np.ndarray:
 
 def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[Outline]]]:
     """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
-    from bayescal.arm.motion import NominalArm
-
     scene, robot = Scene(plan.session), plan.session.robot
     readings = plan.session.measurements.readings
     tool = plan.session.tools[plan.session.measurements.tool[0]]
