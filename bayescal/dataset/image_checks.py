@@ -18,10 +18,10 @@ from bayescal.dataset import cameras
 from bayescal.dataset.regions import Region, Session
 from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
+from bayescal.storage.files import Document
 
 if TYPE_CHECKING:
     from bayescal.dataset.table import Table
-    from bayescal.storage.files import Document
 
 OTHER_SIZE = 0.04
 """Relative error of the size of a board that no print has (assumed)."""

@@ -19,14 +19,13 @@ from bayescal.dataset import cameras, image_checks, regions
 from bayescal.dataset.cameras import board_of
 from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
-from bayescal.storage.files import NotNegative, Number, Positive, Vector
+from bayescal.storage.files import Document, NotNegative, Number, Positive, Vector
 from factors.camera import Camera, Instrument
 from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
 from factors.kind import Kind
 
 if TYPE_CHECKING:
     from bayescal.dataset.table import Table
-    from bayescal.storage.files import Document
 
 LOOSE, LOOSE_ANGLE = 50e-3, 0.2
 """m, rad: the contract's prior of a target that states none."""

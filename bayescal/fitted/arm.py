@@ -16,7 +16,9 @@ import numpy as np
 
 from bayescal.arm.chain import frames
 from bayescal.arm.motion import Motion
-from bayescal.effects import ALWAYS
+from bayescal.assess.inputs import Basis
+from bayescal.dataset import Dataset
+from bayescal.effects import ALWAYS, Parameter
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
@@ -30,10 +32,7 @@ from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import by_points
 
 if TYPE_CHECKING:
-    from bayescal.assess.inputs import Basis
     from bayescal.calibration import Fit
-    from bayescal.dataset import Dataset
-    from bayescal.effects import Parameter
     from bayescal.gap.result import Gap
 
 NOMINAL = "nominal"

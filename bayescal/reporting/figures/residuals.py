@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from bayescal.effects.location import Site
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
@@ -20,10 +21,6 @@ from bayescal.reporting.shared.body import View, fill, joints_of, of_units, outl
 from bayescal.reporting.shared.style import ACCENT, GREY, INK, MARKED, NOISE, SERIES
 from bayescal.statistics import chi2_isf, rms
 from bayescal.storage.reading import Json
-
-if TYPE_CHECKING:
-    from bayescal.effects.location import Site
-
 
 CLIP = 0.99
 """Quantile of the absolute errors that an axis covers; larger ones are marked at its edge."""
