@@ -43,7 +43,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         credible = () if kind == "null" else tuple(n for n in credible if n != "null")
         credible = (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained", "class": "named+unexplained"}.get(kind, kind)
-    for name in d.withheld:  # what a name that validation refuses loses is an unmodelled effect's
+    for name in sorted(d.withheld):  # what a name that validation refuses loses is an unmodelled effect's
         lost = max(probability[name] - VERDICT.not_admitted, 0.0)
         probability["unknown"] = min(probability["unknown"] + lost, 1.0)
     probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}

@@ -464,6 +464,10 @@ def test_improbable_alternatives_are_no_pairs_and_unconfirmed_names_are() -> Non
     (pair,) = undecided(examined(*sets, unclaimed=("backlash",), probability=0.01))
     assert pair.a[0].selection.effect == "backlash"
     assert pair.b == pair.common == ()
+    names = ("lobing", "hysteresis", "hardening", "backlash")
+    several = tuple((name, "" if name == "lobing" else "joint 3") for name in names)
+    pairs = undecided(examined(several, unclaimed=names, probability=0.01))
+    assert [p.a[0].selection.effect for p in pairs] == sorted(names)
 
 
 def test_pairs_survive_gap_json_and_become_contrasts() -> None:

@@ -147,7 +147,7 @@ def undecided(e: Examined) -> tuple[Pair, ...]:
         parts = (a, set(a.names) - shared), (b, set(b.names) - shared), (a, shared)
         pairs.append(Pair(*(_side(h, e.candidates, own) for h, own in parts)))
     leader = next(w.hypothesis for w in d.weighed if not w.unmodelled)
-    for effect in (*d.unclaimed, *d.withheld):
+    for effect in (*sorted(d.unclaimed), *sorted(d.withheld)):  # as sets their order differs by process
         h = d.hypothesis if effect in d.hypothesis.names else leader
         if effect in h.names:
             others = set(h.names) - {effect}
