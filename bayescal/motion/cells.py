@@ -13,8 +13,9 @@ from scipy.signal import lfilter
 
 from bayescal.arm.transforms import compiled
 from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
+from bayescal.motion.filters import derivative
 from bayescal.motion.settings import CELLS, FORMS, PRODUCTS, SEARCH
-from bayescal.motion.signals import Signals, derivative, each
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Operating
 
 UNKNOWN = "unknown"

@@ -14,9 +14,10 @@ import numpy as np
 
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
+from bayescal.motion.filters import derivative, low_passed
 from bayescal.motion.fit_settings import CONTROLLER
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import Signals, derivative, each, low_passed
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import nominal
 
 

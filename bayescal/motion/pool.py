@@ -13,13 +13,14 @@ from bayescal.logs.types import VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, FormColumn, Scale, Waves, columns, in_all_joints
 from bayescal.motion.estimate import Estimate
+from bayescal.motion.filters import low_passed
 from bayescal.motion.linear import Normal, Sparse, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.products import Bank
 from bayescal.motion.quantities import kept_signals, responses
 from bayescal.motion.search import Search
 from bayescal.motion.settings import CELLS, SEARCH
-from bayescal.motion.signals import Signals, each, low_passed
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Operating, Term, by_channel
 
 

@@ -17,12 +17,18 @@ class SignalSettings:
     """From rows of a log to uniform, low-passed samples."""
 
     band: float = 10.0
-    """Hz, cut-off of the low-pass: control bandwidth and arm modes lie above (tuned: at 12 Hz the noise of
-    positions of logs at 100 Hz, differentiated twice, gave 12 nats to an oscillation)."""
-    wide: float = 20.0
-    """Hz, largest cut-off for positions before they are differentiated; the lowest is `band` (assumed)."""
-    cuts: int = 5
+    """Hz, cut-off of the low-pass, at most: control bandwidth and arm modes lie above (tuned)."""
+    narrow: float = 4.0
+    """Hz, the least (assumed: `margin` holds a period of it)."""
+    bands: int = 5
     """Cut-offs between these that are compared (cost)."""
+    small: float = 0.3
+    """Noise of accelerations over torques, RMS, up to which it is small (tuned: beyond, the noise of logs
+    without an effect gave 12 nats to an oscillation and 33 to a ripple; within, such logs have none)."""
+    poses: int = 8
+    """Of each motion, at which inertias are computed for it (cost)."""
+    wide: float = 20.0
+    """Hz, cut-off for positions before they are differentiated, beside `band` (assumed: twice it)."""
     order: int = 4
     """Of the low-pass (convention)."""
     nyquist: float = 0.8
@@ -35,6 +41,8 @@ class SignalSettings:
     """Spread of the steps, over their median, up to which samples are taken as uniform (assumed)."""
     fastest: float = 1000.0
     """Hz, highest rate that is kept (cost)."""
+    alike: float = 1e-8
+    """rad, within which two readings are the same value, written with other digits (assumed)."""
     coarse: float = 0.01
     """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
     held: tuple[float, float] = (0.01, 0.03)

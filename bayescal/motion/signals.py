@@ -9,19 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
-from scipy.signal import butter, firwin, sosfiltfilt
+from scipy.signal import firwin
 from scipy.sparse import csr_matrix
 
 from bayescal.errors import BayescalError
 from bayescal.logs import Log, Motion
 from bayescal.logs.types import SERVO, SHORTEST
 from bayescal.motion.dynamics import regressor
+from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noises, uniform
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import OUTCOME, SIGNALS
 
@@ -141,59 +141,6 @@ def where_moving(left: np.ndarray, s: Signals) -> np.ndarray:
     return np.where(s.moves, left, np.nan)
 
 
-def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
-    """Samples (N, ...) below a frequency, Hz: a Butterworth filter, forward and backward."""
-    return np.asarray(sosfiltfilt(_sections(min(band * 2.0 * step, SIGNALS.nyquist)), x, axis=0))
-
-
-@cache
-def _sections(cut: float) -> np.ndarray:
-    """Of a Butterworth filter; its design takes longer than its use."""
-    return np.asarray(butter(SIGNALS.order, cut, output="sos"))
-
-
-def derivative(x: np.ndarray, step: float) -> np.ndarray:
-    """Derivative (N, ...) of samples by five points; third order at the ends."""
-    out = np.gradient(x, step, axis=0, edge_order=2)
-    out[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * step)
-    return out
-
-
-def white(x: np.ndarray) -> np.ndarray:
-    """Standard deviation (n,) of white noise in smooth samples (N, n), by fourth differences."""
-    return np.median(np.abs(np.diff(x, 4, axis=0)), axis=0) / (0.6745 * np.sqrt(70.0))
-
-
-def smoothed(x: np.ndarray, step: float, band: float) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (N, n) low-passed at the cut-off with the least expected error of their accelerations.
-
-    With the standard deviation (n,) of the noise of their derivatives.
-
-    Noise of positions grows with the square of the frequency in accelerations, which are the drivers of
-    inertias. A lower cut-off loses motion: of the mean square of what it takes away, the part beyond that of
-    white noise. An unbiased estimate of the sum of both errors is compared (Mallows, Technometrics 15, 1973).
-    Cut-offs go from the band of the rows that are kept to `SIGNALS.wide`, and each joint has its own.
-    """
-    cuts = band * np.geomspace(1.0, SIGNALS.wide / SIGNALS.band, SIGNALS.cuts)
-    half = min(round(SIGNALS.margin / step), len(x) // 4)  # at the ends, which are left out, a filter differs
-    impulse = np.zeros((len(x), 1))
-    impulse[len(x) // 2] = 1.0
-    every = [low_passed(x, step, cut) for cut in cuts]
-    answers = [low_passed(impulse, step, cut) for cut in cuts]
-
-    def square(y: np.ndarray) -> np.ndarray:
-        return np.sum(derivative(derivative(y, step), step)[half : len(y) - half] ** 2, axis=0)
-
-    variance = white(x) ** 2
-    errors = [
-        square(every[-1] - y) / (len(x) - 2 * half) + variance * (square(h) - square(answers[-1] - h))
-        for y, h in zip(every, answers, strict=True)
-    ]
-    best = np.argmin(errors, axis=0)
-    noise = np.array([np.sum(derivative(h, step) ** 2) for h in answers])[best]
-    return np.column_stack([every[k][:, j] for j, k in enumerate(best)]), np.sqrt(variance * noise)
-
-
 def moving(dq: np.ndarray, noise: np.ndarray, step: float) -> np.ndarray:
     """Share (N, n) of speeds that is motion, 0 to 1: 0 where for a time they are no more than noise (n,)."""
     low, high = SIGNALS.still
@@ -202,7 +149,7 @@ def moving(dq: np.ndarray, noise: np.ndarray, step: float) -> np.ndarray:
     return np.asarray(np.clip((ratio - low) / (high - low), 0.0, 1.0))
 
 
-def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
+def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands) -> Signals:
     """A motion at uniform times.
 
     Positions give the derivatives; velocities do where positions are too coarse.
@@ -214,37 +161,32 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
         s, time at which the log begins.
     cold : float
         degC, temperature at which it begins.
+    bands : Bands
+        Those of the log.
     """
     assert motion.torque is not None
-    steps = np.diff(motion.time)
-    step = max(float(np.median(steps)), 1.0 / SIGNALS.fastest)
-    time = np.arange(motion.time[0], motion.time[-1], step)
-    even = float(np.ptp(steps)) < SIGNALS.even * step and len(time) >= len(motion.time) - 1
-    time = motion.time if even else time
+    step, time, position = uniform(motion, motion.position)
 
     def sampled(x: np.ndarray | None) -> np.ndarray | None:
-        return x if x is None or even else CubicSpline(motion.time, x)(time)
+        return None if x is None else uniform(motion, x)[2]
 
-    position, velocity = sampled(motion.position), sampled(motion.velocity)
-    assert position is not None
-    band = SERVOS.band if log.torque_kind == SERVO else SIGNALS.band
-    q, noise = smoothed(position, step, band)
-    dq = derivative(q, step)
+    velocity, wide = sampled(motion.velocity), bands.wide
+    sd, of_speed, coarse = noises(motion, step, bands.least)
+    q = low_passed(position, step, wide)
+    dq, noise = derivative(q, step), sd * np.linalg.norm(derivative(impulse(len(q), step, wide), step))
     if velocity is not None:
-        # velocities of a controller may be filtered: they serve where positions are too coarse
-        coarse = white(position) * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
-        dq = np.where(coarse, low_passed(velocity, step), dq)
-        noise = np.where(coarse, white(velocity) * np.sqrt(2.0 * SIGNALS.wide * step), noise)
+        dq = np.where(coarse, low_passed(velocity, step, wide), dq)
+        noise = np.where(coarse, of_speed * np.sqrt(2.0 * wide * step), noise)
     # of a joint at rest the noise of its position would be the driver of its friction
     dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq * moving(dq, noise, step), 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
-    rows = float(1.0 / (step * SIGNALS.rate * band))
+    rows = float(1.0 / (step * SIGNALS.rate * bands.rows))
     warm = None if motion.temperature is None else np.interp(time, motion.time, motion.temperature) - cold
     return Signals(
         motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
         torque, sampled(motion.command), sampled(motion.link), warm,
-        np.interp(time, motion.time, motion.payload), max(int(rows), 1), band,
+        np.interp(time, motion.time, motion.payload), max(int(rows), 1), bands.rows,
         0.0 if log.torque_kind == SERVO else SIGNALS.stuck,
     )  # fmt: skip
 
@@ -263,4 +205,5 @@ def all_signals(log: Log) -> tuple[Signals, ...]:
         raise BayescalError(what, log.name, f"log {SHORTEST:g} s or more without loss")
     first = log.motions[0]
     cold = 0.0 if first.temperature is None else float(np.median(first.temperature[: SIGNALS.cold_rows]))
-    return tuple(signals_of(log, motion, float(first.time[0]), cold) for motion in log.motions)
+    bands, start = Bands.of(log), float(first.time[0])
+    return tuple(signals_of(log, motion, start, cold, bands) for motion in log.motions)

@@ -18,10 +18,11 @@ from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.logs.types import SERVO, TRACKING
 from bayescal.motion.dynamics import carried
+from bayescal.motion.filters import derivative, low_passed
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import stuck
 from bayescal.motion.settings import BASELINE
-from bayescal.motion.signals import Signals, derivative, low_passed
+from bayescal.motion.signals import Signals
 from bayescal.robots.schema import SIX
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))

@@ -23,13 +23,14 @@ from bayescal.motion.controller import Law, law_of, with_controller
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import Scale
 from bayescal.motion.estimate import estimated
+from bayescal.motion.filters import derivative, low_passed
 from bayescal.motion.fit_settings import CONTROLLER
 from bayescal.motion.named import NamedArm, effect_of, named_arm
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap, Tracking
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
-from bayescal.motion.signals import Signals, all_signals, derivative, low_passed
+from bayescal.motion.signals import Signals, all_signals
 from bayescal.motion.terms import nominal as at_nominal
 from bayescal.storage.reading import decoded, run_record
 

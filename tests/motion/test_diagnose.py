@@ -225,6 +225,9 @@ def test_a_run_folder_is_read_back(gaps, tmp_path):
     assert "ms" in str(gap)
     page = (tmp_path / "run" / "gap.html").read_text(encoding="utf-8")
     assert "delay of the torque" in page
+    for step in ("export", "verify"):
+        assert f"bayescal {step} " in page
+    assert "Run the motions of next-motions.csv" in page
     # residuals of the withheld motion with most error, as they are drawn; withheld motions are alike
     w, s = gap.record["withheld"], gap.record["shrinkage"]["torque"]
     drawn = re.findall(r'<path class="(dot|check)" d="([^"]*)"', page)

@@ -1,17 +1,22 @@
 """Noise, fits and evidence against closed forms."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from bayescal.logs.read import read_log
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
+from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noises, rounded, white
 from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.search import Search
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import derivative, low_passed, moving, smoothed, white
+from bayescal.motion.signals import moving
 from bayescal.motion.terms import Term
 from bayescal.motion.together import _moved
 
@@ -192,17 +197,43 @@ def test_noise_of_positions_is_seen_beside_their_motion():
     assert white(np.sin(2.0 * t) + noise) == pytest.approx([1e-5, 3e-4], rel=0.1)
 
 
-def test_positions_are_smoothed_as_their_noise_asks():
-    # two joints: slow motion, and with 15 Hz far above the noise
-    rng, t = np.random.default_rng(0), np.arange(0.0, 20.0, 0.01)
-    slow, fast = np.sin(2.0 * np.pi * 0.7 * t), 1e-3 * np.sin(2.0 * np.pi * 15.0 * t)
-    true = np.column_stack([slow, slow + fast])
-    noisy = true + 5e-6 * rng.standard_normal(true.shape)
-    found, _ = smoothed(noisy, 0.01, SIGNALS.band)
-    assert found[:, 0] == pytest.approx(low_passed(noisy, 0.01, SIGNALS.band)[:, 0])
-    assert found[:, 1] == pytest.approx(low_passed(noisy, 0.01)[:, 1])
-    left = [np.std(accelerations(q - true)[:, 0]) for q in (found, low_passed(noisy, 0.01))]
-    assert left[0] < 0.4 * left[1]
+def test_steps_of_an_encoder_are_noise_though_the_joint_rests_for_most_of_a_motion():
+    t, steps = np.arange(0.0, 20.0, 0.01), np.deg2rad([0.01, 0.005])
+    true = 0.4 * (1.0 - np.cos(0.5 * np.pi * np.clip(t - 2.0, 0.0, 2.0)))
+    read = np.round(true[:, None] / steps) * steps
+    read[::2] += 1e-12  # the same value with other digits
+    assert np.all(white(read) < 1e-9)
+    assert rounded(read) == pytest.approx(steps / np.sqrt(12.0))
+    assert rounded(np.zeros((5, 2))).tolist() == [0.0, 0.0]
+    motion, none = SimpleNamespace(time=t, position=read, velocity=None), np.zeros(2, bool)
+    sd, _, instead = noises(motion, 0.01, rounded(read))
+    assert sd == pytest.approx(steps / np.sqrt(12.0))
+    assert np.array_equal(instead, none)
+    motion.velocity = np.random.default_rng(0).normal(size=read.shape) * [1e-3, 2e-3]
+    assert noises(motion, 0.01, rounded(read))[1] == pytest.approx([1e-3, 2e-3], rel=0.1)
+
+
+def test_the_band_ends_where_the_noise_of_accelerations_is_not_small(null_log):
+    """Beside what torques have there: of heavier rotors sooner, of velocities that serve instead later."""
+    log = read_log(null_log).divided
+    scaled = {name: 0.0 * getattr(log.mechanism, name) for name in ("mass", "inertia")}
+    light = replace(log.mechanism, **scaled, armature=np.array([1e-3, 1e-3, 1e-3]))
+
+    def band(step, mechanism=log.mechanism, velocities=False):
+        motions = [
+            replace(m, position=np.round(m.position / step) * step, velocity=None) for m in log.motions
+        ]
+        if velocities:
+            motions = [replace(m, velocity=np.round(m.position / 1e-4) * 1e-4) for m in motions]
+        return Bands.of(replace(log, motions=tuple(motions), mechanism=mechanism))
+
+    assert Bands.of(log).rows == SIGNALS.band
+    assert band(1e-3).least == pytest.approx(np.full(3, 1e-3 / np.sqrt(12.0)))
+    assert band(1e-3).rows < band(2e-4).rows < SIGNALS.band
+    assert band(1e-3).wide == pytest.approx(2.0 * band(1e-3).rows)
+    assert band(1e-3, light).rows == SIGNALS.band
+    assert band(1e-3, replace(light, armature=np.array([1e-3, 1e-3, 5.0]))).rows < SIGNALS.band
+    assert band(1e-3, velocities=True).rows > band(1e-3).rows
 
 
 def test_a_joint_at_rest_has_no_direction():
@@ -210,7 +241,8 @@ def test_a_joint_at_rest_has_no_direction():
     rng, t = np.random.default_rng(0), np.arange(0.0, 12.0, 0.008)
     angle = np.where(t < 6.0, 0.3 * (1.0 - np.cos(np.pi * t)), 0.0)  # two turns back, then rest
     true = np.column_stack([angle, 0.02 * t])
-    q, noise = smoothed(true + 2e-5 * rng.standard_normal(true.shape), 0.008, SIGNALS.band)
+    q = low_passed(true + 2e-5 * rng.standard_normal(true.shape), 0.008, SIGNALS.band)
+    noise = 2e-5 * np.linalg.norm(derivative(impulse(len(q), 0.008, SIGNALS.band), 0.008)) * np.ones(2)
     speeds, at = derivative(q, 0.008), (t > 1.0) & (t < 11.0)
     error = speeds - np.column_stack([0.3 * np.pi * np.sin(np.pi * t) * (t < 6.0), np.full(len(t), 0.02)])
     away = at & (np.abs(t - 6.0) > 0.5)

@@ -19,11 +19,12 @@ from bayescal.logs.types import CALIBRATE
 from bayescal.motion.diagnose import diagnose
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.estimate import estimated
+from bayescal.motion.filters import Bands, derivative
 from bayescal.motion.linear import gains, normal
 from bayescal.motion.noise import noise_of, white_noise
 from bayescal.motion.pool import Pool
 from bayescal.motion.settings import BASELINE, SEARCH, SIGNALS
-from bayescal.motion.signals import all_signals, derivative, signals_of
+from bayescal.motion.signals import all_signals, signals_of
 from bayescal.preparing.joint_log import check_log
 
 
@@ -106,7 +107,7 @@ def test_stamps_count_and_not_row_numbers(null_log):
     time = motion.time[0] + np.cumsum(steps) - steps[0]
     wave = np.sin(2.0 * time)[:, None] * np.ones(3)
     uneven = replace(motion, time=time, position=wave, velocity=None, torque=np.zeros_like(wave))
-    s = signals_of(log, uneven, float(time[0]), 0.0)
+    s = signals_of(log, uneven, float(time[0]), 0.0, Bands.of(log))
     inner = slice(20, -20)
     true = 2.0 * np.cos(2.0 * (s.time + time[0]))
     assert np.abs(s.dq[inner, 0] - true[inner]).max() < 0.02

@@ -348,7 +348,9 @@ def advice_of(plan: MotionPlan) -> list[str]:
     if not plan.motions:
         return list(plan.left_out)
     names = dict.fromkeys(m.same_as or m.name for m in plan.motions)
-    return [f"run the {len(plan.motions)} motions of {COMMANDS}: {listed(names)}", *plan.left_out]
+    count = len(plan.motions)
+    which = "the motion" if count == 1 else f"the {count} motions"
+    return [f"run {which} of {COMMANDS}: {listed(names)}", *plan.left_out]
 
 
 def write_plan(plan: MotionPlan, folder: Path, record: Json) -> tuple[str, ...]:

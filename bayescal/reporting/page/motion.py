@@ -40,12 +40,26 @@ def first(run: Run) -> Section:
         advice = FIRST if doubt or record["verdict"] == "class" else named["remedy"]
         return Fault(f"{doubt}{named['text']}", facts, advice)
 
+    steps = _simulator(run, "Write the arm with the effects, for a simulator:") if record["named"] else []
+    if record["verdict"] == "null":
+        steps = _simulator(run)
+    if record["next_motions"]:
+        motions = "Run the motions of next-motions.csv, log them, and diagnose again with the log."
+        steps = [*steps, (motions, "")] if record["verdict"] in ("null", "named") else [(motions, ""), *steps]
     return FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong",
         faults=[fault(named) for named in record["named"]],
-        next=[("Write this page again, also as PDF:", f"bayescal report {shlex.quote(run.folder)} --pdf")],
-        warnings=record["warnings"], notes=record["next"],
+        next=steps, warnings=record["warnings"], notes=record["next"],
     ).section()  # fmt: skip
+
+
+def _simulator(run: Run, words: str = "Write the arm for a simulator:") -> list[tuple[str, str]]:
+    """Steps to an arm in a simulator."""
+    folder = shlex.quote(run.folder)
+    return [
+        (words, f"bayescal export {folder} --to mjcf --out arm.xml"),
+        ("Load it in MuJoCo, against the withheld motions:", f"bayescal verify {folder} arm.xml"),
+    ]
 
 
 def torque(run: Run) -> Section | None:
@@ -108,13 +122,10 @@ def fitted(run: Run) -> Section:
     total = len(record["parameters"])
     line = f"{record['determined']} of {total} directions of the parameters are determined."
     tone, sign = ("good", "✓") if good else ("warn", "?")
-    folder = shlex.quote(run.folder)
-    steps = [
-        ("Write the arm for a simulator:", f"bayescal export {folder} --to mjcf --out arm.xml"),
-        ("Load it in MuJoCo, against the withheld motions:", f"bayescal verify {folder} arm.xml"),
-    ]
+    steps = _simulator(run)
     if record["withheld"] and not good:
-        steps = [("Look for what the model does not explain:", f"bayescal gap {folder}/dataset"), *steps]
+        gap = f"bayescal gap {shlex.quote(run.folder)}/dataset"
+        steps = [("Look for what the model does not explain:", gap), *steps]
     return FirstScreen(word, tone, sign, [line], next=steps, warnings=record["warnings"]).section()
 
 
