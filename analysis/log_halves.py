@@ -21,8 +21,7 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log, read_log
 from bayescal.logs.types import CALIBRATE
 from bayescal.motion.calibrate import nominal_values
-from bayescal.motion.estimate import estimated
-from bayescal.motion.signals import all_signals
+from bayescal.motion.estimate import estimate_of
 from bayescal.motion.terms import nominal
 
 DETERMINED = 3.0
@@ -47,7 +46,7 @@ class Half:
 def fitted(log: Log, first: int) -> Half:
     """Fit every second motion of a log, from the `first` on."""
     motions = tuple(replace(m, role=CALIBRATE) for m in log.motions[first::2])
-    estimate = estimated(all_signals(replace(log, motions=motions)))
+    estimate = estimate_of(replace(log, motions=motions))
     fit = estimate.fit()
     start = nominal_values(nominal(log, estimate.rms))
     terms = fit.normal.terms

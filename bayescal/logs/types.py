@@ -140,7 +140,7 @@ class Log:
     def coarse(self) -> Mapping[str, float]:
         """Joints with one and the same torque in most rows in which they move, and the fraction of these.
 
-        What such a torque tells of masses, centres of mass and friction is wrong.
+        What such a torque tells of masses, centres of mass and friction would be wrong: it is left out.
         """
         parts = [m for m in self.motions if m.torque is not None and len(m.time) > 1]
         if not parts or self.torque_kind == SERVO:
@@ -162,7 +162,5 @@ class Log:
         if not coarse:
             return self.notes
         each = ", ".join(f"{name} {100 * share:.0f} %" for name, share in coarse.items())
-        what = (
-            f"one and the same torque in most rows in which the joint moves: {each}; masses, centres of mass "
-        )
-        return (*self.notes, what + "and friction that follow from it are wrong: log it with more digits")
+        what = f"one and the same torque in most rows in which the joint moves: {each}: it would tell wrong "
+        return (*self.notes, what + "masses and friction, and is left out; log it with more digits")

@@ -15,13 +15,13 @@ import numpy as np
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
-from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
+from bayescal.motion.estimate import Estimate, estimate_of, moved_to, of_role
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, spread
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
-from bayescal.motion.signals import Signals, all_signals, each, root_mean_square, where_moving
+from bayescal.motion.signals import Signals, each, root_mean_square, where_moving
 from bayescal.motion.terms import BODY, Operating, nominal
 from bayescal.robots.schema import SIX
 from bayescal.storage.stopping import Progress, silent
@@ -96,7 +96,7 @@ def prepared(log: Log) -> Estimate:
     BayescalError
         If there are no torques with a sign.
     """
-    return estimated(all_signals(with_torques(log)))
+    return estimate_of(with_torques(log))
 
 
 def calibrated(

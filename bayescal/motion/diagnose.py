@@ -11,7 +11,7 @@ from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.beside import beside, simplified
 from bayescal.motion.effects import EFFECTS, Form
-from bayescal.motion.estimate import estimated, noise_about
+from bayescal.motion.estimate import estimate_of, noise_about
 from bayescal.motion.linear import Fit, Normal, joined, normal
 from bayescal.motion.named import named_arm
 from bayescal.motion.next_logs import to_do
@@ -20,8 +20,8 @@ from bayescal.motion.result import Amplitude, Course, MotionGap, Place, Shrinkag
 from bayescal.motion.search import Member, Search
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
-from bayescal.motion.signals import all_signals, where_moving
 from bayescal.motion.signals import root_mean_square as rms
+from bayescal.motion.signals import where_moving
 from bayescal.motion.verdict import Verdict, confirmed, decide
 from bayescal.storage.stopping import Progress, silent
 
@@ -38,7 +38,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     if not log.of_role(VALIDATE):
         raise BayescalError("no motion has the role validate", log.name, "withhold one or more")
     progress("signals", 0.0)
-    estimate = estimated(all_signals(log))
+    estimate = estimate_of(log)
     progress("columns", 0.2)
     pool = Pool.of(estimate)
     noise = estimate.noise

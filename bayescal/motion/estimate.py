@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
 from bayescal.motion.controller import with_controller
+from bayescal.motion.filters import Bands
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE, SIGNALS
-from bayescal.motion.signals import Signals, each
+from bayescal.motion.signals import Signals, all_signals, each
 from bayescal.motion.terms import (
     BODY,
     FORM,
@@ -41,14 +43,20 @@ class Estimate:
     @property
     def limits(self) -> tuple[str, ...]:
         """What limits the log, as sentences."""
-        log, stuck = self.parts[0].log, self.parts[0].stuck
-        if log.torque_kind == SERVO or stuck is None:
+        log, stuck, band = self.parts[0].log, self.parts[0].stuck, self.parts[0].band
+        if log.torque_kind == SERVO:
             return log.limits
-        share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
-        wider = f"noise counts as {NOISE.stuck:g} times as large for it"
-        strong = f", with those about reversals; {wider}" if stuck else ""
-        held = f"stiction holds joints at rest: {share:.0%} of their rows are left out{strong}"
-        return (*log.limits, held.replace("%", " %"))
+        said = list(log.limits)
+        if band < SIGNALS.band:
+            above = f"accelerations are noise above {band:.1f} Hz: what is faster is not assessed; "
+            said.append(above + "log positions with more digits, or at a higher rate")
+        if stuck is not None:
+            share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
+            wider = f"noise counts as {NOISE.stuck:g} times as large for it"
+            strong = f", with those about reversals; {wider}" if stuck else ""
+            held = f"stiction holds joints at rest: {share:.0%} of their rows are left out{strong}"
+            said.append(held.replace("%", " %"))
+        return tuple(said)
 
     def columns(self, s: Signals) -> Iterable[Column]:
         """Columns of the baseline, linearised at the estimate."""
@@ -125,6 +133,16 @@ def noise_about(table: Table, fit: Fit) -> Noise:
         sd = np.where(noise.sd > 0.0, noise.sd, np.inf)  # of a joint that never moves it is not known
         noise = noise.wider(np.maximum(least / sd, 1.0))
     return noise.wider(SERVOS.noise if servo else NOISE.stuck if parts[0].stuck else 1.0)
+
+
+def estimate_of(log: Log) -> Estimate:
+    """Estimate the baseline and its noise in the widest band in which a log tells of its accelerations."""
+    bands: Bands | None = Bands.of(log.divided)
+    while bands is not None:
+        out = estimated(all_signals(log, bands))
+        servo = log.torque_kind == SERVO
+        bands = None if servo else bands.narrower(log.divided, out.noise.sd[: log.n])
+    return out
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -54,51 +54,48 @@ class Bands:
     rows: float  # Hz, cut-off of the rows that are kept
     least: np.ndarray  # (n,) rad, standard deviation of positions by their steps
 
+    @classmethod
+    def of(cls, log: Log) -> Bands:
+        """The widest."""
+        least = rounded(np.concatenate([m.position for m in log.motions]))
+        return cls(SERVOS.band if log.torque_kind == SERVO else SIGNALS.band, least)
+
     @property
     def wide(self) -> float:
         """Cut-off of positions before they are differentiated, Hz: what it takes away, rows do not keep."""
         return self.rows * SIGNALS.wide / SIGNALS.band
 
-    @classmethod
-    def of(cls, log: Log) -> Bands:
-        """The widest band at whose upper end noise of accelerations is small beside what torques have there.
-
-        Noise of positions grows with the square of the frequency in accelerations, and with the inertias in
-        torques. Where it is most of the residual, it is in the drivers too: they share an error then, which
-        looks like an effect.
-        """
-        least = rounded(np.concatenate([m.position for m in log.motions]))
-        if log.torque_kind == SERVO:
-            return cls(SERVOS.band, least)
-        bands = np.geomspace(SIGNALS.band, SIGNALS.narrow, SIGNALS.bands)
-        inertia = _squared_inertia(log)
-        there, noise = np.zeros((2, len(bands) - 1, log.n))
+    def accelerations(self, log: Log) -> np.ndarray:
+        """Standard deviation (n,) of the torques of nominal inertias by noise of the accelerations, N m."""
+        variance = []
         for motion in log.motions:
-            assert motion.torque is not None
-            step, _, torque = uniform(motion, motion.torque)
-            lower = [low_passed(torque, step, band) for band in bands]
-            sd, of_speed, coarse = noises(motion, step, least)
-            answers = [impulse(len(torque), step, band) for band in bands]
-            for k in range(len(bands) - 1):
-                there[k] += np.sum((lower[k] - lower[k + 1]) ** 2, axis=0)
-                speed = derivative(answers[k] - answers[k + 1], step)
-                gain, of_gain = np.sum(derivative(speed, step) ** 2), np.sum(speed**2)
-                noise[k] += len(torque) * inertia @ np.where(coarse, of_speed**2 * of_gain, sd**2 * gain)
-        large = np.any((noise > SIGNALS.small**2 * there) & (there > 0.0), axis=1)
-        return cls(float(bands[int(np.argmin(np.r_[large, False]))]), least)
+            step, _, x = uniform(motion, motion.position)
+            answer = derivative(derivative(impulse(len(x), step, self.rows), step), step)
+            variance.append(np.sum(answer**2) * noise_of_positions(x, self.least) ** 2)
+        return np.sqrt(_squared_inertia(log) @ np.median(variance, axis=0))
+
+    def narrower(self, log: Log, noise: np.ndarray) -> Bands | None:
+        """A band in which noise of the accelerations may be small beside that of the torques (n,), N m.
+
+        None if it is in this one, or if there is none. Noise of positions grows with the square of the
+        frequency in accelerations, and with the inertias in torques. Where it is most of the residual, it is
+        in the drivers too: they share an error then, which looks like an effect.
+        """
+        share = self.accelerations(log) / np.where(noise > 0.0, noise, np.inf)
+        if np.max(share) <= SIGNALS.small or self.rows <= SIGNALS.narrow:
+            return None
+        rows = self.rows * min(
+            (SIGNALS.small / np.max(share)) ** 0.4, SIGNALS.step
+        )  # share goes with 2.5th power
+        return replace(self, rows=max(float(rows), SIGNALS.narrow))
 
 
-def noises(motion: Motion, step: float, least: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Noise (n,) of positions, rad, and of velocities, rad/s, and where these serve for positions.
+def noise_of_positions(position: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Standard deviation (n,) of the noise of uniform positions (N, n), at least that of their steps (n,).
 
-    It is a standard deviation. Positions have at least that of their steps, `least` (n,): fourth differences
-    do not see it where a joint rests for half of a motion. Velocities of a controller may be filtered: they
-    serve where positions are too coarse.
+    Fourth differences do not see these where a joint rests for half of a motion.
     """
-    sd = np.maximum(white(uniform(motion, motion.position)[2]), least)
-    if motion.velocity is None:
-        return sd, np.zeros_like(sd), np.zeros(len(sd), bool)
-    return sd, white(uniform(motion, motion.velocity)[2]), sd * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
+    return np.maximum(white(position), least)
 
 
 def _squared_inertia(log: Log) -> np.ndarray:

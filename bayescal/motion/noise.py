@@ -27,7 +27,7 @@ class Noise:
     filters: np.ndarray
     starts: np.ndarray
     sd: np.ndarray  # (n,) N m, of the residuals before
-    lag1: np.ndarray  # (n,) autocorrelation of neighbouring rows
+    lag1: np.ndarray  # (n,) autocorrelation of neighbouring rows; nan where there are none
 
     @property
     def order(self) -> int:
@@ -117,7 +117,8 @@ def noise_of(
     """
     weights = weights or [np.ones_like(r) for r in residuals]
     parts = [_apart(r, w) for r, w in zip(residuals, weights, strict=True)]
-    count = np.maximum(sum(np.sum(w**2, axis=0) for w in weights), 1.0)
+    seen = np.sum([np.sum(w**2, axis=0) for w in weights], axis=0)
+    count = np.maximum(seen, 1.0)
     # of the pairs of rows that are there, as many as if all were
     pairs, every = (_autocovariance(x) for x in (weights, [np.ones_like(w) for w in weights]))
     there = count[:, None] * np.maximum(pairs, 1e-9) / np.maximum(pairs[:, :1], 1e-9)
@@ -141,7 +142,8 @@ def noise_of(
     for _ in range(NOISE.of_means):
         of_mean = np.sum(_filters(covariance)[0], axis=1) ** -2.0 * len(parts) / count
         covariance = about + of_mean[:, None]
-    return Noise(*_filters(covariance), np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
+    lag1 = np.where(seen > 0.0, covariance[:, 1] / covariance[:, 0], np.nan)
+    return Noise(*_filters(covariance), np.sqrt(covariance[:, 0]), lag1)
 
 
 def _apart(x: np.ndarray, weight: np.ndarray) -> np.ndarray:

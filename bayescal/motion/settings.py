@@ -18,13 +18,13 @@ class SignalSettings:
 
     band: float = 10.0
     """Hz, cut-off of the low-pass, at most: control bandwidth and arm modes lie above (tuned)."""
-    narrow: float = 4.0
-    """Hz, the least (assumed: `margin` holds a period of it)."""
-    bands: int = 5
-    """Cut-offs between these that are compared (cost)."""
-    small: float = 0.3
-    """Noise of accelerations over torques, RMS, up to which it is small (tuned: beyond, the noise of logs
-    without an effect gave 12 nats to an oscillation and 33 to a ripple; within, such logs have none)."""
+    narrow: float = 2.5
+    """Hz, the least (assumed: `margin` holds most of a period of it)."""
+    small: float = 0.4
+    """Noise of torques by that of accelerations, over that of torques, up to which a band is kept (tuned:
+    with 0.5 to 0.7, logs without an effect had 12 nats of an oscillation and 33 of a ripple)."""
+    step: float = 0.9
+    """A narrower band over the one before, at most (cost)."""
     poses: int = 8
     """Of each motion, at which inertias are computed for it (cost)."""
     wide: float = 20.0
@@ -43,8 +43,6 @@ class SignalSettings:
     """Hz, highest rate that is kept (cost)."""
     alike: float = 1e-8
     """rad, within which two readings are the same value, written with other digits (assumed)."""
-    coarse: float = 0.01
-    """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
     held: tuple[float, float] = (0.01, 0.03)
     """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
     stuck: float = 0.05

@@ -21,7 +21,7 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log, Motion
 from bayescal.logs.types import SERVO, SHORTEST
 from bayescal.motion.dynamics import regressor
-from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noises, uniform
+from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noise_of_positions, uniform
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import OUTCOME, SIGNALS
 
@@ -47,15 +47,17 @@ class Signals:
     every: int  # samples per row that is kept
     band: float = SIGNALS.band  # Hz, of the rows that are kept
     stuck: float | None = SIGNALS.stuck  # s about rest in which stiction holds a joint; None: it does not
+    telling: np.ndarray | bool = True  # (n,) whether the torque of a joint tells of it
 
     @cached_property
     def weight(self) -> np.ndarray:
         """Weights (N, n) of rows in a fit, 0 to 1: 0 where stiction holds a joint with any torque."""
         if self.stuck is None:
-            return np.broadcast_to(1.0, self.q.shape)
+            return np.broadcast_to(np.where(self.telling, 1.0, 0.0), self.q.shape)
         slow, fast = SERVOS.held if self.log.torque_kind == SERVO else SIGNALS.held
         weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
-        return np.asarray(minimum_filter1d(weight, 2 * round(self.stuck / self.step) + 1, axis=0))
+        held = minimum_filter1d(weight, 2 * round(self.stuck / self.step) + 1, axis=0)
+        return np.where(self.telling, held, 0.0)
 
     @property
     def rests(self) -> np.ndarray:
@@ -152,7 +154,7 @@ def moving(dq: np.ndarray, noise: np.ndarray, step: float) -> np.ndarray:
 def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands) -> Signals:
     """A motion at uniform times.
 
-    Positions give the derivatives; velocities do where positions are too coarse.
+    Positions give the derivatives: velocities of a controller may be filtered, and late.
 
     Parameters
     ----------
@@ -170,15 +172,11 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
     def sampled(x: np.ndarray | None) -> np.ndarray | None:
         return None if x is None else uniform(motion, x)[2]
 
-    velocity, wide = sampled(motion.velocity), bands.wide
-    sd, of_speed, coarse = noises(motion, step, bands.least)
-    q = low_passed(position, step, wide)
-    dq, noise = derivative(q, step), sd * np.linalg.norm(derivative(impulse(len(q), step, wide), step))
-    if velocity is not None:
-        dq = np.where(coarse, low_passed(velocity, step, wide), dq)
-        noise = np.where(coarse, of_speed * np.sqrt(2.0 * wide * step), noise)
+    q, sd = low_passed(position, step, bands.wide), noise_of_positions(position, bands.least)
+    gain = np.linalg.norm(derivative(impulse(len(q), step, bands.wide), step))
+    dq = derivative(q, step)
     # of a joint at rest the noise of its position would be the driver of its friction
-    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq * moving(dq, noise, step), 0.0)
+    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq * moving(dq, sd * gain, step), 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * bands.rows))
@@ -191,8 +189,8 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
     )  # fmt: skip
 
 
-def all_signals(log: Log) -> tuple[Signals, ...]:
-    """Every motion of a log, divided where rows are missing.
+def all_signals(log: Log, bands: Bands | None = None) -> tuple[Signals, ...]:
+    """Every motion of a log, divided where rows are missing, in some bands: the widest by default.
 
     Raises
     ------
@@ -205,5 +203,7 @@ def all_signals(log: Log) -> tuple[Signals, ...]:
         raise BayescalError(what, log.name, f"log {SHORTEST:g} s or more without loss")
     first = log.motions[0]
     cold = 0.0 if first.temperature is None else float(np.median(first.temperature[: SIGNALS.cold_rows]))
-    bands, start = Bands.of(log), float(first.time[0])
-    return tuple(signals_of(log, motion, start, cold, bands) for motion in log.motions)
+    bands, start = bands or Bands.of(log), float(first.time[0])
+    telling = np.array([name not in log.coarse for name in log.mechanism.joint_names])
+    parts = (signals_of(log, motion, start, cold, bands) for motion in log.motions)
+    return tuple(s.changed(telling=telling) for s in parts)

@@ -135,11 +135,12 @@ def filtered(torques: Sequence[np.ndarray], step: float) -> float:
     return float(edges[steep[0]]) if steep else np.inf
 
 
-def spikes(values: np.ndarray) -> np.ndarray:
+def spikes(values: np.ndarray, span: np.ndarray) -> np.ndarray:
     """Rows of values (N, n) that deviate from both neighbours, and from the cubic through four of them.
 
     By more than `SPIKE` times the standard deviation of such differences, as their median and their 99th
-    percentile state it, both robust against a few corrupt values, and more than `OUT` of the range.
+    percentile state it, both robust against a few corrupt values, and more than `OUT` of `span`, the range
+    (n,) over all motions: a joint at rest shows single steps of its encoder.
     """
     if len(values) < 5:
         return np.zeros(0, int)
@@ -147,7 +148,7 @@ def spikes(values: np.ndarray) -> np.ndarray:
     cubic = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
     away = np.min(np.abs([x[2:-2] - x[1:-3], x[2:-2] - x[3:-1], cubic]), axis=0)
     scale = np.maximum(1.4826 * np.median(away, axis=0), np.percentile(away, 99, axis=0) / 2.58)
-    return 2 + np.flatnonzero((away > np.maximum(SPIKE * scale, OUT * np.ptp(x, axis=0))).any(axis=1))
+    return 2 + np.flatnonzero((away > np.maximum(SPIKE * scale, OUT * span)).any(axis=1))
 
 
 def clipped(values: np.ndarray) -> float:

@@ -5,7 +5,7 @@ Of servos: jumps of positions, zeros that differ, and sag of the joints at rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -109,8 +109,9 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
             rows = f"{100 * share:.0f} % of the rows in which it moves"
             what = f"the torque of {name} is one and the same in {rows}"
             yield Finding("coarse", "odd", what, table, "log it with more digits, or leave this joint out")
+    spans = {name: _span(log, name) for name in ("position", "velocity", "torque")}
     for motion in log.motions:
-        yield from _corrupt(motion, table)
+        yield from _corrupt(motion, spans, table)
 
 
 def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
@@ -149,11 +150,17 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         yield Finding("velocity_delay", "odd", what, table, remedy)
 
 
-def _corrupt(motion: Motion, table: str) -> Iterator[Finding]:
+def _span(log: Log, name: str) -> np.ndarray:
+    """Range (n,) of a quantity over all motions; 0 if it was not measured."""
+    parts = [values for m in log.motions if (values := getattr(m, name)) is not None]
+    return np.ptp(np.concatenate(parts), axis=0) if parts else np.zeros(log.n)
+
+
+def _corrupt(motion: Motion, spans: Mapping[str, np.ndarray], table: str) -> Iterator[Finding]:
     """Single values that are far from their neighbours, and ends with accelerations that no motion has."""
-    for name in ("position", "velocity", "torque"):
+    for name, span in spans.items():
         values = getattr(motion, name)
-        if values is not None and len(rows := joint_facts.spikes(values)):
+        if values is not None and len(rows := joint_facts.spikes(values, span)):
             what = f"{len(rows)} rows of motion {motion.name} with a {name} far from their neighbours"
             where = f"{table}:{motion.line + rows[0]}"
             yield Finding("spikes", "odd", what, where, "remove these rows: they are corrupt")
@@ -279,7 +286,7 @@ def _jumps(log: Log, motion: Motion, table: str) -> Iterator[Finding]:
     fastest = np.where(np.isnan(log.mechanism.fastest), FASTEST, 2.0 * log.mechanism.fastest)
     change = np.diff(motion.position, axis=0)
     beyond = np.abs(change) > np.maximum(fastest * np.diff(motion.time)[:, None], SMALLEST)
-    spikes = joint_facts.spikes(motion.position)
+    spikes = joint_facts.spikes(motion.position, _span(log, "position"))
     beyond[[row + k for row in spikes for k in (-1, 0) if 0 <= row + k < len(beyond)]] = False
     rows = np.flatnonzero(beyond.any(axis=1))
     if len(rows) == 0:

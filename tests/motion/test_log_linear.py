@@ -1,7 +1,6 @@
 """Noise, fits and evidence against closed forms."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from scipy.stats import multivariate_normal
 from bayescal.logs.read import read_log
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
-from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noises, rounded, white
+from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noise_of_positions, rounded, white
 from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.search import Search
@@ -205,35 +204,39 @@ def test_steps_of_an_encoder_are_noise_though_the_joint_rests_for_most_of_a_moti
     assert np.all(white(read) < 1e-9)
     assert rounded(read) == pytest.approx(steps / np.sqrt(12.0))
     assert rounded(np.zeros((5, 2))).tolist() == [0.0, 0.0]
-    motion, none = SimpleNamespace(time=t, position=read, velocity=None), np.zeros(2, bool)
-    sd, _, instead = noises(motion, 0.01, rounded(read))
-    assert sd == pytest.approx(steps / np.sqrt(12.0))
-    assert np.array_equal(instead, none)
-    motion.velocity = np.random.default_rng(0).normal(size=read.shape) * [1e-3, 2e-3]
-    assert noises(motion, 0.01, rounded(read))[1] == pytest.approx([1e-3, 2e-3], rel=0.1)
+    assert noise_of_positions(read, rounded(read)) == pytest.approx(steps / np.sqrt(12.0))
+    noisy = read + 1e-3 * np.random.default_rng(0).normal(size=read.shape)
+    assert noise_of_positions(noisy, rounded(read)) == pytest.approx([1e-3, 1e-3], rel=0.1)
 
 
-def test_the_band_ends_where_the_noise_of_accelerations_is_not_small(null_log):
-    """Beside what torques have there: of heavier rotors sooner, of velocities that serve instead later."""
-    log = read_log(null_log).divided
-    scaled = {name: 0.0 * getattr(log.mechanism, name) for name in ("mass", "inertia")}
-    light = replace(log.mechanism, **scaled, armature=np.array([1e-3, 1e-3, 1e-3]))
+def test_the_band_is_that_in_which_the_noise_of_accelerations_is_small(null_log):
+    """Noise of torques by that of positions, against its definition; beside it, that of torques."""
+    log, rng, sd = read_log(null_log).divided, np.random.default_rng(0), 3e-4
+    rotors = replace(
+        log.mechanism, mass=np.zeros(3), inertia=np.zeros((3, 3, 3)), armature=np.array([1.0, 2.0, 0.0])
+    )
+    motions = [replace(m, position=m.position + sd * rng.normal(size=m.position.shape)) for m in log.motions]
+    coarse = replace(log, motions=tuple(motions), mechanism=rotors)
+    bands = Bands.of(coarse)
+    assert (bands.rows, bands.wide) == (SIGNALS.band, SIGNALS.wide)
 
-    def band(step, mechanism=log.mechanism, velocities=False):
-        motions = [
-            replace(m, position=np.round(m.position / step) * step, velocity=None) for m in log.motions
-        ]
-        if velocities:
-            motions = [replace(m, velocity=np.round(m.position / 1e-4) * 1e-4) for m in motions]
-        return Bands.of(replace(log, motions=tuple(motions), mechanism=mechanism))
+    def added(rows):
+        errors = [x.position - m.position for x, m in zip(motions, log.motions, strict=True)]
+        dt = float(np.median(np.diff(log.motions[0].time)))
+        accelerations = [derivative(derivative(low_passed(x, dt, rows), dt), dt)[20:-20] for x in errors]
+        return np.std(np.concatenate(accelerations), axis=0) * [1.0, 2.0, 0.0]
 
-    assert Bands.of(log).rows == SIGNALS.band
-    assert band(1e-3).least == pytest.approx(np.full(3, 1e-3 / np.sqrt(12.0)))
-    assert band(1e-3).rows < band(2e-4).rows < SIGNALS.band
-    assert band(1e-3).wide == pytest.approx(2.0 * band(1e-3).rows)
-    assert band(1e-3, light).rows == SIGNALS.band
-    assert band(1e-3, replace(light, armature=np.array([1e-3, 1e-3, 5.0]))).rows < SIGNALS.band
-    assert band(1e-3, velocities=True).rows > band(1e-3).rows
+    for rows in (SIGNALS.band, 5.0):
+        assert replace(bands, rows=rows).accelerations(coarse) == pytest.approx(added(rows), rel=0.1)
+    torques = bands.accelerations(coarse)
+    assert bands.narrower(coarse, torques / (0.9 * SIGNALS.small)) is None
+    assert (
+        bands.narrower(coarse, np.array([torques[0] / SIGNALS.small, 0.0, 0.0])) is None
+    )  # of no other is it known
+    narrower = bands.narrower(coarse, torques / (3.0 * SIGNALS.small))
+    assert narrower.rows == pytest.approx(SIGNALS.band * 3.0**-0.4)
+    assert bands.narrower(coarse, torques / 1e6).rows == SIGNALS.narrow
+    assert replace(bands, rows=SIGNALS.narrow).narrower(coarse, torques / 1e6) is None
 
 
 def test_a_joint_at_rest_has_no_direction():

@@ -215,6 +215,36 @@ def test_a_last_row_that_is_cut_off_is_refused_with_its_line(null_log, tmp_path)
         read_log(folder)
 
 
+def test_a_torque_of_too_few_digits_is_left_out(null_log):
+    """It is no torque constant, and no friction: it says nothing of its joint."""
+    log = read_log(null_log)
+    coarse = 0.9 * max(np.max(np.abs(m.torque[:, 1])) for m in log.motions)
+
+    def rounded(m):
+        torque = m.torque.copy()
+        torque[:, 1] = coarse * np.round(torque[:, 1] / coarse)
+        return replace(m, torque=torque)
+
+    found = diagnose(replace(log, motions=tuple(map(rounded, log.motions))))
+    assert found.verdict.kind == "null"
+    assert np.isnan(found.estimate.noise.lag1).tolist() == [False, True, False]
+    assert ": B " in found.warnings[-1]
+    assert "left out" in found.warnings[-1]
+
+
+def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log):
+    """Noise of accelerations is in drivers and residuals alike; late velocities would make torques early."""
+    log, step = read_log(null_log), 2.0 * np.pi / 4096
+
+    def coarse(m):
+        late = lfilter([0.3], [1.0, -0.7], derivative(m.position, 1.0 / 60.0), axis=0)
+        return replace(m, position=np.round(m.position / step) * step, velocity=late)
+
+    found = diagnose(replace(log, motions=tuple(map(coarse, log.motions))))
+    assert found.verdict.kind == "null"
+    assert "accelerations are noise above 2.5 Hz" in found.warnings[-1]
+
+
 def test_what_is_beyond_the_band_of_the_drives_is_not_made_a_name(null_parts):
     # a ripple of 20 Hz is in no row that is fitted; elasticity and backlash need a second encoder
     s = null_parts[0]

@@ -260,9 +260,13 @@ def test_a_corrupt_value_beyond_any_arm_is_refused_and_a_spike_is_found(tmp_path
 def test_steps_are_no_spikes():
     rng = np.random.default_rng(0)
     step = (np.arange(1000) > 700)[:, None] + 1e-3 * rng.standard_normal((1000, 1))
-    assert len(joint_facts.spikes(step)) == 0
+    assert len(joint_facts.spikes(step, np.ptp(step, axis=0))) == 0
     step[500] += 0.5
-    assert joint_facts.spikes(step).tolist() == [500]
+    assert joint_facts.spikes(step, np.ptp(step, axis=0)).tolist() == [500]
+    # a step of the encoder while the joint rests, which moves in other motions
+    rest = np.where(np.arange(1000) == 500, 1e-5, 0.0)[:, None]
+    assert joint_facts.spikes(rest, np.ptp(rest, axis=0)).tolist() == [500]
+    assert len(joint_facts.spikes(rest, np.array([1.0]))) == 0
 
 
 def test_bad_ends_of_motions(tmp_path):

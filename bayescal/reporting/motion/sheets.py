@@ -228,7 +228,7 @@ def motion_summary(record: Json) -> RenderableType:
 def _facts(record: Json) -> Facts:
     ranked = sorted(record["probability"].items(), key=lambda item: -item[1])
     yield "probability", ", ".join(f"{rival(n)} {probability(p)}" for n, p in ranked if p >= LEAST), ""
-    noise = ", ".join(f"{x:.2g}" for x in record["noise"]["lag1"])
+    noise = ", ".join("-" if x is None else f"{x:.2g}" for x in record["noise"]["lag1"])
     yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
     yield "expected", EXPECTED, "dim"
     if each := beyond_stated(record):
