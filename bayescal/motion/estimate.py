@@ -48,8 +48,10 @@ class Estimate:
             return log.limits
         said = list(log.limits)
         if band < SIGNALS.band:
-            above = f"accelerations are noise above {band:.1f} Hz: what is faster is not assessed; "
-            said.append(above + "log positions with more digits, or at a higher rate")
+            above = f"accelerations are noise above {band:.1f} Hz: what is faster is not assessed"
+            below = f", and noise counts as {self.parts[0].wider:.2g} times as large for what they have below"
+            lacks = "; log positions with more digits, or at a higher rate"
+            said.append(above + (below if self.parts[0].wider > 1.0 else "") + lacks)
         if stuck is not None:
             share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
             wider = f"noise counts as {NOISE.stuck:g} times as large for it"
@@ -132,17 +134,26 @@ def noise_about(table: Table, fit: Fit) -> Noise:
         least[first : first + log.n] = NOISE.tracking * rms / log.controller.stiffness
         sd = np.where(noise.sd > 0.0, noise.sd, np.inf)  # of a joint that never moves it is not known
         noise = noise.wider(np.maximum(least / sd, 1.0))
-    return noise.wider(SERVOS.noise if servo else NOISE.stuck if parts[0].stuck else 1.0)
+    return noise.wider(SERVOS.noise if servo else parts[0].wider * (NOISE.stuck if parts[0].stuck else 1.0))
 
 
 def estimate_of(log: Log) -> Estimate:
-    """Estimate the baseline and its noise in the widest band in which a log tells of its accelerations."""
-    bands: Bands | None = Bands.of(log.divided)
-    while bands is not None:
+    """Estimate the baseline and its noise in the widest band in which a log tells of its accelerations.
+
+    Where they are noise in the narrowest too, that of torques counts as larger.
+    """
+    bands, whole = Bands.of(log.divided), log.divided
+    while True:
         out = estimated(all_signals(log, bands))
-        servo = log.torque_kind == SERVO
-        bands = None if servo else bands.narrower(log.divided, out.noise.sd[: log.n])
-    return out
+        if log.torque_kind == SERVO:
+            return out
+        share = bands.share(whole, out.noise.sd[: log.n])
+        if share <= SIGNALS.small:
+            return out
+        if bands.rows <= SIGNALS.narrow:
+            wider = (share / SIGNALS.small) ** SIGNALS.unsure
+            return estimated(tuple(s.changed(wider=wider) for s in out.parts))
+        bands = bands.narrower(share)
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:

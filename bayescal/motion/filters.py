@@ -74,20 +74,19 @@ class Bands:
             variance.append(np.sum(answer**2) * noise_of_positions(x, self.least) ** 2)
         return np.sqrt(_squared_inertia(log) @ np.median(variance, axis=0))
 
-    def narrower(self, log: Log, noise: np.ndarray) -> Bands | None:
-        """A band in which noise of the accelerations may be small beside that of the torques (n,), N m.
+    def share(self, log: Log, noise: np.ndarray) -> float:
+        """Noise of torques by that of accelerations over the whole noise (n,), N m: the largest of any joint.
 
-        None if it is in this one, or if there is none. Noise of positions grows with the square of the
-        frequency in accelerations, and with the inertias in torques. Where it is most of the residual, it is
-        in the drivers too: they share an error then, which looks like an effect.
+        Noise of positions grows with the square of the frequency in accelerations, and with the inertias in
+        torques. Where it is most of the residual, it is in the drivers too: they share an error then, which
+        looks like an effect.
         """
-        share = self.accelerations(log) / np.where(noise > 0.0, noise, np.inf)
-        if np.max(share) <= SIGNALS.small or self.rows <= SIGNALS.narrow:
-            return None
-        rows = self.rows * min(
-            (SIGNALS.small / np.max(share)) ** 0.4, SIGNALS.step
-        )  # share goes with 2.5th power
-        return replace(self, rows=max(float(rows), SIGNALS.narrow))
+        return float(np.max(self.accelerations(log) / np.where(noise > 0.0, noise, np.inf)))
+
+    def narrower(self, share: float) -> Bands:
+        """Those in which it may be small: it goes with the 2.5th power of the band."""
+        rows = self.rows * min((SIGNALS.small / share) ** 0.4, SIGNALS.step)
+        return replace(self, rows=max(rows, SIGNALS.narrow))
 
 
 def noise_of_positions(position: np.ndarray, least: np.ndarray) -> np.ndarray:

@@ -23,6 +23,9 @@ class SignalSettings:
     small: float = 0.4
     """Noise of torques by that of accelerations, over that of torques, up to which a band is kept (tuned:
     with 0.5 to 0.7, logs without an effect had 12 nats of an oscillation and 33 of a ripple)."""
+    unsure: float = 2.0
+    """Power of what is beyond it in the narrowest band, by which noise counts as larger (tuned: with 1.0,
+    logs of 20 to 30 Hz with 4096 counts a turn and without an effect were `unknown`)."""
     step: float = 0.9
     """A narrower band over the one before, at most (cost)."""
     poses: int = 8

@@ -48,6 +48,7 @@ class Signals:
     band: float = SIGNALS.band  # Hz, of the rows that are kept
     stuck: float | None = SIGNALS.stuck  # s about rest in which stiction holds a joint; None: it does not
     telling: np.ndarray | bool = True  # (n,) whether the torque of a joint tells of it
+    wider: float = 1.0  # noise over that of the residuals, where it is in their drivers too
 
     @cached_property
     def weight(self) -> np.ndarray:

@@ -229,14 +229,12 @@ def test_the_band_is_that_in_which_the_noise_of_accelerations_is_small(null_log)
     for rows in (SIGNALS.band, 5.0):
         assert replace(bands, rows=rows).accelerations(coarse) == pytest.approx(added(rows), rel=0.1)
     torques = bands.accelerations(coarse)
-    assert bands.narrower(coarse, torques / (0.9 * SIGNALS.small)) is None
-    assert (
-        bands.narrower(coarse, np.array([torques[0] / SIGNALS.small, 0.0, 0.0])) is None
-    )  # of no other is it known
-    narrower = bands.narrower(coarse, torques / (3.0 * SIGNALS.small))
-    assert narrower.rows == pytest.approx(SIGNALS.band * 3.0**-0.4)
-    assert bands.narrower(coarse, torques / 1e6).rows == SIGNALS.narrow
-    assert replace(bands, rows=SIGNALS.narrow).narrower(coarse, torques / 1e6) is None
+    equal, resting = torques + np.array([0.0, torques[1], 0.0]), np.array([0.0, 2.0 * torques[1], 1.0])
+    assert bands.share(coarse, equal) == pytest.approx(1.0)
+    assert bands.share(coarse, resting) == pytest.approx(0.5)
+    assert bands.narrower(3.0 * SIGNALS.small).rows == pytest.approx(SIGNALS.band * 3.0**-0.4)
+    assert bands.narrower(1.01 * SIGNALS.small).rows == pytest.approx(SIGNALS.band * SIGNALS.step)
+    assert bands.narrower(100.0).rows == SIGNALS.narrow
 
 
 def test_a_joint_at_rest_has_no_direction():

@@ -232,9 +232,12 @@ def test_a_torque_of_too_few_digits_is_left_out(null_log):
     assert "left out" in found.warnings[-1]
 
 
-def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log):
+@pytest.mark.parametrize(
+    ("counts", "said"), [(4096, "assessed; log"), (2048, "and noise counts as 4.2 times")]
+)
+def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log, counts, said):
     """Noise of accelerations is in drivers and residuals alike; late velocities would make torques early."""
-    log, step = read_log(null_log), 2.0 * np.pi / 4096
+    log, step = read_log(null_log), 2.0 * np.pi / counts
 
     def coarse(m):
         late = lfilter([0.3], [1.0, -0.7], derivative(m.position, 1.0 / 60.0), axis=0)
@@ -243,6 +246,7 @@ def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log)
     found = diagnose(replace(log, motions=tuple(map(coarse, log.motions))))
     assert found.verdict.kind == "null"
     assert "accelerations are noise above 2.5 Hz" in found.warnings[-1]
+    assert said in found.warnings[-1]
 
 
 def test_what_is_beyond_the_band_of_the_drives_is_not_made_a_name(null_parts):
