@@ -96,7 +96,7 @@ def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:
     leader = best.related.member if best.related else best.hypothesis.members[0]
     instead = {leader.effect} | {n for w in d.weighed if leader.effect not in w.effects for n in w.names}
     instead -= {m.effect for m in best.hypothesis.members if m is not leader}
-    likely = sorted(instead, key=lambda n: -probability[n])
+    likely = sorted(instead, key=lambda n: (-probability[n], n))
     members = {n: probability[n] for n in likely if n == leader.effect or probability[n] >= VERDICT.fewest}
     sites = tuple(dict.fromkeys(site for site, _ in leader.variant.places))
     drivers = dict.fromkeys(driver.course for _, driver in leader.variant.places)

@@ -120,7 +120,7 @@ def _members(
     """The leading effect, those that may be in its place, and a cause that is not in the list."""
     leader = best.names[0]
     instead = {n for h in hypotheses if leader not in h.names for n in h.names if n != UNKNOWN}
-    likely = sorted(instead, key=lambda n: -probability[n])
+    likely = sorted(instead, key=lambda n: (-probability[n], n))
     chosen = [leader, *(n for n in likely if probability[n] >= VERDICT.fewest)]
     return {n: probability[n] for n in chosen} | {OTHER: probability[UNKNOWN]}
 
