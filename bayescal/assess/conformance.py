@@ -84,8 +84,8 @@ def conformance(
         With u and k of its distances.
     checked : Validation
     tests : Acceptance
-        Where the model is not validated, does not explain the machine, or rests on priors, conformance is
-        not proven.
+        Where the model is not validated, does not explain the machine, is in doubt or rests on priors,
+        conformance is not proven. Neither is it without a certified distance.
     budgets : mapping
         Budget of the error of each certified distance (`assess.budget.of_distances`).
 
@@ -105,8 +105,10 @@ def conformance(
         (not tests.explains, OPEN, "the model does not explain the machine"),
         (not tests.validated, OPEN, "no validation measurements verify the prediction"),
         (not tests.determined, OPEN, "the prediction rests on priors, not on measurements"),
+        (bool(tests.doubts), OPEN, "errors are larger than noise and model predict"),
         (undecided, OPEN, f"{len(undecided)} {of}: error within U of the tolerance"),
         (wide, OPEN, "U of a distance in the probed volume is larger than the tolerance"),
+        (not distances, OPEN, "no certified distance was measured; U of one in the probed volume is smaller"),
         (True, PASS, "error + U <= tolerance, for every distance"),
     )
     decision, why = next((decision, why) for applies, decision, why in cases if applies)

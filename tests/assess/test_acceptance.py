@@ -23,7 +23,7 @@ from bayescal.assess.acceptance import (
     discrepancy,
     widened,
 )
-from bayescal.assess.conformance import OPEN, PASS, conformance
+from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance
 from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import Group, SharedCause, _windows, groups_of, shared, shared_causes
@@ -300,14 +300,18 @@ def test_shared_causes_need_rejected_rows(clean):
 
 def test_a_tolerance_is_decided(session, clean):
     found = clean
-    assert found.tolerance.decision == PASS
+    assert found.tolerance.decision == OPEN  # the session has no certified distance
     assert found.tolerance.probability == 1.0
-    expected, v = found.forecast, found.final.validation
+    expected, pair = found.forecast, ("a", "b")
+    v = SimpleNamespace(distances=(SimpleNamespace(between=pair, error=5e-5),))
+    own = SimpleNamespace(u=1e-5, k=2.0, expanded=2e-5, dof=np.inf)
 
     def at(x, tests=found.acceptance):
-        return conformance(x, expected, v, tests, found.budgets)
+        return conformance(x, expected, v, tests, {pair: own})
 
-    assert at(1e-6).decision == OPEN
+    assert at(1e-3).decision == PASS
+    assert at(1e-6).decision == FAIL
+    assert at(6e-5).decision == OPEN
     assert at(0.5 * expected.workspace.rms).probability < 0.6
     for lacking in ("validated", "determined"):
         assert at(1e-3, replace(found.acceptance, **{lacking: False})).decision == OPEN
@@ -323,7 +327,7 @@ def test_the_probability_of_conformance_is_that_of_drawn_errors(error, dof):
     """Of a distance: its error is normal about the measured one with u of its budget, or Student's t."""
     u, rng = 1e-5, np.random.default_rng(0)
     drawn = error + u * (rng.standard_normal(40_000) if np.isinf(dof) else rng.standard_t(dof, 40_000))
-    pair, good = ("a", "b"), SimpleNamespace(explains=True, validated=True, determined=True)
+    pair, good = ("a", "b"), SimpleNamespace(explains=True, validated=True, determined=True, doubts=())
     volume = SimpleNamespace(workspace=SimpleNamespace(expanded=u, k=2.0, within=lambda tolerance: 1.0))
     own = SimpleNamespace(u=u, k=2.3, expanded=2.3 * u, dof=dof)
     checked = SimpleNamespace(distances=(SimpleNamespace(between=pair, error=error),))

@@ -19,6 +19,7 @@ from scipy.stats import ncf
 from scipy.stats import t as student
 from sessions import with_columns
 
+from bayescal.assess.acceptance import Check
 from bayescal.assess.budget import budget, headline
 from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, iso9283
 from bayescal.assess.findings import reliability
@@ -92,20 +93,25 @@ def test_decisions_change_at_the_error_plus_and_minus_u_and_nowhere_else(fitted)
     assert max(apart) > 1.2  # k = 2 would be seen
 
 
-def test_the_volume_is_decided_with_its_own_u(fitted):
-    """Without certified distances, the decision changes at U of a distance of the volume."""
+def test_the_volume_has_its_own_u_and_without_a_certified_distance_nothing_conforms(fitted):
     v, space = replace(fitted.final.validation, distances=()), fitted.forecast.workspace
     u = budget(fitted.basis, volume(fitted.basis)).expanded
     assert space.expanded == pytest.approx(u)
     assert space.k > 2.5
-    sound = replace(fitted.acceptance, checks=())
+    sound = replace(fitted.acceptance, checks=(), doubts=())
 
-    def at(x):
-        return conformance(x, fitted.forecast, v, sound, fitted.budgets).decision
+    def at(x, tests=sound, validation=v):
+        return conformance(x, fitted.forecast, validation, tests, fitted.budgets)
 
     for share in (1e-6, 0.1, 0.5):
-        assert at(u * (1 + share)) == PASS
-        assert at(u * (1 - share)) == OPEN
+        assert "no certified distance was measured" in at(u * (1 + share)).why
+        assert "is larger than the tolerance" in at(u * (1 - share)).why
+        assert {at(u * (1 + sign * share)).decision for sign in (-1, 1)} == {OPEN}
+    measured = fitted.final.validation
+    wide = 10.0 * max(u, *(abs(d.error) for d in measured.distances))
+    assert at(wide, validation=measured).decision == PASS
+    doubted = replace(sound, doubts=(Check("doubt", 2.0, 1.0, 1e-9, 1e-3, ""),))
+    assert at(wide, doubted, measured).decision == OPEN
 
 
 def test_an_error_of_each_point_is_in_a_distance_twice(fitted):
