@@ -341,7 +341,7 @@ def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:
         for s, u, value in zip(sessions, rows, values, strict=True):
             of_kind = np.array([kind.noise == key for kind in kinds_of(s)])[s.measurements.target]
             u[of_kind & np.isnan(u)] = np.nan if value is None else value
-    stated: dict[str, float] = {}
+    stated: dict[str, Any] = {}
     for s in sessions:  # the first that states a value
         stated = {key: value for key, value in vars(s.noise).items() if value is not None} | stated
     return Noise(**stated), rows

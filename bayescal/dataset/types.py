@@ -104,7 +104,8 @@ class Noise:
 
     One contact (m), one instrument coordinate (m), one joint reading (rad; `slide`, m, of a prismatic joint),
     one turn of the tool about an axis as an instrument reads it (rad), one coordinate of a corner in an image
-    (px).
+    (px). `field` is that of each error which the corners of an image share, over the noise of each: powers of
+    the place in it up to `power`. A fit tells it; no file states it.
     """
 
     contact: float | None = None
@@ -113,6 +114,8 @@ class Noise:
     slide: float | None = None
     orientation: float | None = None
     pixel: float | None = None
+    field: float = 0.0
+    power: int = 0
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,23 @@ class Shared:
         )
 
 
+def fields(pixel: np.ndarray, image: np.ndarray, power: int) -> np.ndarray:
+    """Errors (2 C, n) of both coordinates of corners (C, 2), px, that those of an image (C,) share.
+
+    They are polynomials of a degree up to `power` (2 at most) of the place of the corner in its image, about
+    the middle of its corners, over their spread.
+    """
+    count = np.maximum(np.bincount(image), 1)[:, None]
+
+    def mean(x: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.bincount(image, column) for column in x.T]) / count
+
+    away = pixel - mean(pixel)[image]
+    x, y = (away / np.sqrt(np.maximum(mean(away**2), 1e-12))[image]).T
+    powers = [np.ones(len(x)), x, y, x**2 - 1.0, x * y, y**2 - 1.0][: (1, 3, 6)[power]]
+    return np.kron(np.eye(2), np.column_stack(powers))
+
+
 @dataclass(frozen=True)
 class Decorrelation:
     """A symmetric factor that whitens residuals (R,), or columns (R, K), of unit noise."""

@@ -7,7 +7,7 @@ most evidence, with all unknowns of the fit integrated out (empirical Bayes, at 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,7 +16,7 @@ import numpy as np
 from bayescal.dataset.consistency import step_of, steps
 from bayescal.estimate.correlated import Shared
 from bayescal.estimate.estimate import Estimate
-from bayescal.estimate.solver import STATED_WORTH, Evaluations, factored, linearise, solved
+from bayescal.estimate.solver import STATED_WORTH, Evaluations, factored, linearise, of_images, solved
 from bayescal.estimate.widths import Widened
 from bayescal.model.scene import Scene
 from bayescal.statistics import rms
@@ -24,6 +24,10 @@ from bayescal.statistics import rms
 RATIOS = np.geomspace(0.05, 50.0, 12)
 """Errors of an image over the noise of a corner that are tried (assumed: hardly an arm repeats a pose better,
 and a model with larger ones fits nothing)."""
+FIELDS = np.geomspace(0.05, 10.0, 8)
+"""The same of errors of an image itself, each over the noise of a corner (assumed)."""
+POWERS = 3
+"""Of the place in an image, that such errors have: none, linear, quadratic."""
 LEAST = 5.0
 """Nats of evidence from which on the stated errors of the readings are too small (convention)."""
 NONE = 0.01
@@ -41,14 +45,18 @@ class Scatter:
     In rad; in m of an arm that only slides.
     """
 
-    u: float
-    known: float  # stated, or that of the steps in which the readings are written
+    u: float  # of the readings; over the noise of a corner, of errors of the image itself
+    known: float  # of the readings: stated, or that of the steps in which they are written
     nats: float
     unit: str = "rad"
+    power: int | None = None  # of errors of the image itself: that of the place in it up to which they go
 
     @property
     def words(self) -> str:
         """The uncertainty, beside what is known of it."""
+        if self.power is not None:
+            of = ("the same for all corners", "linear in their place", "smooth over its corners")[self.power]
+            return f"every image has an error of its own, {of}"
         by, unit = (np.degrees(1.0), "deg") if self.unit == "rad" else (1e3, "mm")
         known = f"{by * self.known:.2g} known" if self.known > NONE * self.u else "none known"
         return (
@@ -65,7 +73,7 @@ class Scatter:
 def scatter_of(found: Estimate) -> Scatter | None:
     """The errors of the readings of images beyond the stated ones; None where a fit shows none."""
     scene, blocks = found.model.scene, found.model.blocks
-    if not blocks or not all(scene.in_images[b.rows].all() for b in blocks):
+    if scene.dataset.noise.field > 0 or not blocks or not all(scene.in_images[b.rows].all() for b in blocks):
         return None
     stated, share = scene.dataset.reading_noise
     slices, coupling = found.model.slices, scene.dataset.robot.link_from_reading * share
@@ -79,7 +87,8 @@ def scatter_of(found: Estimate) -> Scatter | None:
     noise = rms(np.concatenate([found.weights.scale[b.group] * b.sigma for b in blocks]))
     unit = noise / max(rms(np.concatenate([np.linalg.norm(x.by, axis=1) for x in by.values()])), 1e-300)
     known = max(stated, _step(scene) / float(np.sqrt(12.0)))  # what is stated is often that of the steps
-    evidence = partial(_log_evidence, found, by, Evaluations(found.model))
+    evaluations = Evaluations(found.model)
+    evidence = partial(_log_evidence, found, by, evaluations)
     tried = np.append(known, unit * RATIOS[unit * RATIOS > known])
     nats, plain = np.array([evidence(u) for u in tried]), evidence(stated)
     best = int(np.argmax(nats))
@@ -89,8 +98,25 @@ def scatter_of(found: Estimate) -> Scatter | None:
         u = float(np.exp(_top(np.log(tried[near]), nats[near])))
         most = evidence(u)
     if most - nats[0] > LEAST:
-        return Scatter(u, known, most - float(nats[0]), "m" if scene.dataset.robot.slides.all() else "rad")
+        slides = scene.dataset.robot.slides.all()
+        readings = Scatter(u, known, most - float(nats[0]), "m" if slides else "rad")
+        return max(readings, *_of_images(found, evaluations, known, nats[0]), key=lambda s: s.nats)
     return Scatter(known, known, 0.0) if nats[0] - plain > LEAST else None
+
+
+def _of_images(found: Estimate, evaluations: Evaluations, known: float, nats: float) -> Iterator[Scatter]:
+    """Errors of images themselves, of each power, with the evidence beyond that of the readings, `nats`."""
+    scene = found.model.scene
+    for power in range(POWERS):
+        by = {b.name: of_images(scene, b, power) for b in found.model.blocks}
+        readings = scene.dataset.measurements.readings
+        shared = {b.name: Shared.of(by[b.name], readings[b.rows]) for b in found.model.blocks}
+        each = np.array([_log_evidence(found, shared, evaluations, u) for u in FIELDS])
+        best = min(max(int(np.argmax(each)), 1), len(FIELDS) - 2)
+        near = slice(best - 1, best + 2)
+        u = float(np.exp(_top(np.log(FIELDS[near]), each[near])))
+        if each[best] == np.max(each):
+            yield Scatter(u, known, float(_log_evidence(found, shared, evaluations, u) - nats), "", power)
 
 
 def _step(scene: Scene) -> float:
@@ -110,7 +136,9 @@ def with_scatter(scene: Scene, scatter: Scatter) -> Scene:
     """The scene whose readings have these errors; those of prismatic joints in the stated proportion."""
     noise, (stated, share) = scene.dataset.noise, scene.dataset.reading_noise
     slides = scene.dataset.robot.slides
-    if slides.all():
+    if scatter.power is not None:
+        noise = replace(noise, joint=scatter.known, field=scatter.u, power=scatter.power)
+    elif slides.all():
         noise = replace(noise, slide=scatter.u)
     else:
         slide = scatter.u * float(np.max(share[slides])) if stated and slides.any() else noise.slide

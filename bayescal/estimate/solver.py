@@ -14,9 +14,10 @@ import numpy as np
 from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
-from bayescal.estimate.correlated import Decorrelation, Shared
+from bayescal.estimate.correlated import Decorrelation, Shared, fields
 from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
+from bayescal.model.scene import Scene
 
 if TYPE_CHECKING:
     from factors.graph import Function, Graph
@@ -56,20 +57,41 @@ class Weights:
         return None if shared is None else shared.decorrelated(np.tile(self.row[block.name], block.kind.rows))
 
 
+def shared_errors(model: Model, z: np.ndarray, block: Block) -> np.ndarray:
+    """Standard errors (R, n) of the residuals of a block, m, that the residuals of an image share.
+
+    Those of the readings (of any rows), and those of the image itself.
+    """
+    scene, (joint, share) = model.scene, model.scene.dataset.reading_noise
+    noise, out = scene.dataset.noise, []
+    if joint > 0:
+        coupling, slices = scene.dataset.robot.link_from_reading * share, model.slices
+        arm, state = model.deviations(z[slices[ARM]]), z[slices[block.target]]
+        out.append(joint * block.by_readings(arm, state, coupling))
+    if noise.field > 0 and scene.in_images[block.rows].all():
+        out.append(noise.field * of_images(scene, block, noise.power))
+    return np.hstack(out) if out else np.zeros((block.residuals, 0))
+
+
+def of_images(scene: Scene, block: Block, power: int) -> np.ndarray:
+    """Errors (R, n) of the images of a block of corners, each of the size of the noise of a corner, m."""
+    m = scene.dataset.measurements
+    image = np.unique(m.readings[block.rows], axis=0, return_inverse=True)[1].ravel()
+    assert m.pixel is not None
+    by = fields(m.pixel[block.rows, :2], image, power)
+    return np.tile(block.sigma, block.kind.rows)[:, None] * by
+
+
 def unit_weights(model: Model, z: np.ndarray) -> Weights:
-    """Full weight for every contact, at its stated noise, plus reading noise through the Jacobian at z."""
-    joint, share = model.scene.dataset.reading_noise
+    """Full weight for every contact, at its stated noise, plus the errors that residuals share, at z."""
     sigma, shared = {}, {}
     for block in model.blocks:
-        own = np.tile(block.sigma, block.kind.rows)
-        if joint > 0:
-            coupling = model.scene.dataset.robot.link_from_reading * share
-            slices = model.slices
-            by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
-            own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
+        own, by = np.tile(block.sigma, block.kind.rows), shared_errors(model, z, block)
+        if by.shape[1]:
+            own = np.sqrt(own**2 + np.sum(by**2, axis=1))
             if model.scene.in_images[block.rows].all():
                 readings = model.scene.dataset.measurements.readings[block.rows]
-                shared[block.name] = Shared.of(joint * by / own[:, None], readings)
+                shared[block.name] = Shared.of(by / own[:, None], readings)
         sigma[block.name] = own
     row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
     return Weights(sigma, row, {block.group: 1.0 for block in model.blocks}, shared)

@@ -18,7 +18,7 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.effects.geometry import LOOSE
 from bayescal.estimate import Estimate, unfitted, unit_weights
-from bayescal.estimate.solver import factored, solved
+from bayescal.estimate.solver import factored, shared_errors, solved
 from bayescal.model import ARM, Block, Model, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import NO_SHIFTS, AmbiguousPositionError, Rows, UnlocatedError, locate
@@ -187,15 +187,11 @@ def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
 
 
 def by_readings(estimate: Estimate, block: Block) -> np.ndarray:
-    """Residuals (R, n) of images by standard errors of their readings, m; (R, 0) of other rows."""
-    scene, model = estimate.model.scene, estimate.model
-    joint, share = scene.dataset.reading_noise
-    if not joint or not scene.in_images[block.rows].all() or block.target not in model.slices:
+    """Residuals (R, n) by the standard errors that those of an image share, m; (R, 0) of other rows."""
+    model = estimate.model
+    if not model.scene.in_images[block.rows].all() or block.target not in model.slices:
         return np.zeros((block.residuals, 0))
-    arm, state = (estimate.z[model.slices[name]] for name in (ARM, block.target))
-    scale = estimate.weights.scale[block.group]
-    by = block.by_readings(model.deviations(arm), state, scene.dataset.robot.link_from_reading * share)
-    return scale * joint * np.asarray(by)
+    return estimate.weights.scale[block.group] * shared_errors(model, estimate.z, block)
 
 
 def unknown_tool(scene: Scene, rows: np.ndarray) -> float:

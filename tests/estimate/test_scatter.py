@@ -71,3 +71,27 @@ def test_a_fit_weighs_images_by_them_and_says_so(step, verdict):
     arm = found.final.estimate.model.slices["arm"]
     off = found.final.estimate.z[arm] / np.sqrt(np.diag(found.stated.limited)[arm])
     assert np.mean(np.abs(off) < 1.96) > 0.85
+
+
+@pytest.mark.parametrize("power", [0, 1, 2])
+def test_errors_of_images_themselves_are_not_those_of_readings(power):
+    """Shifts, as of a stabiliser, and errors that vary smoothly over the corners, as of blur."""
+    session, size = images(6), 0.3
+    m, rng = session.measurements, np.random.default_rng(power)
+    pixel = m.pixel.copy()
+    for reading in np.unique(m.readings, axis=0):
+        rows = (m.readings == reading).all(axis=1)
+        place = pixel[rows, :2] - pixel[rows, :2].mean(axis=0)
+        x, y = (place / place.std(axis=0)).T
+        shapes = [np.ones_like(x), x, y, x**2 - 1.0, x * y, y**2 - 1.0][: (1, 3, 6)[power]]
+        pixel[rows, :2] += size * (rng.normal(size=(2, len(shapes))) @ shapes).T
+    wrong = with_columns(session, pixel=pixel)
+    found = told(wrong)
+    assert found.power == power
+    assert found.u == pytest.approx(size / session.noise.pixel, rel=0.3)
+    weighed = with_scatter(Scene(wrong, oriented=True), found)
+    assert (weighed.dataset.noise.field, weighed.dataset.noise.joint) == (found.u, found.known)
+    fitted = calibrated(weighed, ("geometry",))
+    assert scatter_of(fitted) is None
+    assert fitted.weights.scale["pixel"] == pytest.approx(1.0, abs=0.15)
+    assert "every image has an error of its own" in found.words
