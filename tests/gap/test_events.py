@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from bayescal.fitted.file import check_restored, read_arm, restored
 from bayescal.gap.concluded import doubted, events_of
 from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.examine import examine
+from bayescal.gap.outcome.events import _with_fitted
+from bayescal.gap.result import Event
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -351,3 +354,18 @@ def test_an_arm_of_a_diagnosis_is_as_uncertain_when_it_is_read(waved, explained,
     again = restored(arm)
     assert again.least == pytest.approx({**arm.beyond.variances})
     check_restored(arm, stated(again).limited)
+
+
+@pytest.mark.parametrize(
+    ("setting", "number", "interval"),
+    [
+        (((TOOL, 127.0), (TOOL, 306.0)), 1, (305, 320)),
+        (312.0, 0, (309, 320)),
+        (330.0, 0, (309, 329)),
+        (None, 0, (309, 320)),
+    ],
+)
+def test_the_interval_of_an_event_holds_the_row_that_is_fitted(setting, number, interval):
+    """The printed model has the row of the search, which is not always the most probable one."""
+    event = _with_fitted(Event(317, (309, 320)), SimpleNamespace(setting=setting), number)
+    assert (event.row, event.interval95) == (317, interval)

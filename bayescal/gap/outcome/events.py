@@ -184,8 +184,18 @@ def named_events(
             without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)
             before = out.get(m.effect, ())
             event, _ = _searched(without, h.state.weight, columns, same, _apart(m.variant, before, c))
-            out[m.effect] = (*before, event)
+            out[m.effect] = (*before, _with_fitted(event, m.variant, len(before)))
     return out
+
+
+def _with_fitted(event: Event, v: Variant, number: int) -> Event:
+    """The event, whose interval holds the row of the variant too: what is stated of errors is of its fit."""
+    each = v.setting if isinstance(v.setting, tuple) else ((None, v.setting),)
+    _, first = each[number] if number < len(each) else (None, None)
+    if not isinstance(first, float):
+        return event
+    low, high = event.interval95
+    return replace(event, interval95=(min(low, int(first) - 1), max(high, int(first) - 1)))
 
 
 def _apart(v: Variant, before: Sequence[Event], c: Circumstances) -> np.ndarray:
