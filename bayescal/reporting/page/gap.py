@@ -119,8 +119,11 @@ def faults(record: Json) -> list[Fault]:
         may_be = tuple(sheets.OTHER if n == OTHER else n for n in likely if n not in record["effects"])
     for name in may_be:
         remedy = UNKNOWN if name == sheets.OTHER else FIRST if record["class"] else _remedy(name)
-        facts = [("probability", probability(record["probability"].get(name) or 0.0))]
-        out.append(Fault(f"possibly {rival(name)}", _stated(facts), remedy))
+        p = record["probability"].get(name) or 0.0
+        where = record["class"]["site"] if record["class"] and name == sheets.OTHER else ""
+        facts = [("location", where), ("probability", probability(p))]
+        fault = Fault(f"{'' if p >= SURE else 'possibly '}{rival(name)}", _stated(facts), remedy)
+        out.insert(0 if p >= SURE else len(out), fault)
     return out
 
 
@@ -183,10 +186,10 @@ def _next(run: Run) -> list[tuple[str, str]]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
-        if record["class"]:
-            words = "Fit with the effects that are found:"
-        elif any(map(doubt_of, record["named"])):
+        if any(map(doubt_of, record["named"])):
             words = "Measure more, and diagnose again; to fit with the effects that are named:"
+        elif record["class"]:
+            words = "Fit with the effects that are found:"
         else:
             words = (
                 "Repair the machine as described above and measure again; or keep the effects in the model:"
