@@ -17,7 +17,7 @@ from bayescal.assess.findings import SEVERITIES, Assessed, Finding, findings, re
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
-from bayescal.assess.shared_causes import SharedCause, completed, judged_complete, rejected_share
+from bayescal.assess.shared_causes import SharedCause, completed, judged_level, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of, parameters_of
@@ -26,7 +26,7 @@ from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_read
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.scatter import scattered
 from bayescal.estimate.unexplained import FaceCheck, Unexplained, unexplained
-from bayescal.estimate.widths import Widened, Width, simpler_level, with_widths
+from bayescal.estimate.widths import Widened, Width, with_widths
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
@@ -162,9 +162,7 @@ def _fit(
     levels: list[ModelLevel] = []
     for k, step in enumerate(simpler, 1):
         progress("estimate", k / (len(simpler) + 1))
-        estimated = simpler_level(scene, step, options)
-        if options.robust:  # as a fit with this model alone
-            estimated, _ = judged_complete(estimated, of_causes)
+        estimated = judged_level(scene, step, options, of_causes)
         left, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
         checked = validate(estimated, z, kappa, left.excess, of_noise, strict=False)
         levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, left, checked))

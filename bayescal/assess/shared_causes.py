@@ -26,7 +26,9 @@ import numpy as np
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.families import stops_of
 from bayescal.estimate.unexplained import FaceCheck, check_faces, with_uneven_faces
+from bayescal.estimate.widths import simpler_level
 from bayescal.model.block import ARM, Block
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.targets import noise_of
 from bayescal.statistics import chi2_sf, hypergeometric_log_sf
@@ -307,6 +309,12 @@ def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:
     ends = np.cumsum([0, *map(len, groups)])
     rows = np.concatenate(groups)
     return csr_array((np.ones(len(rows), np.int32), rows, ends), shape=(len(groups), count))
+
+
+def judged_level(scene: Scene, effects: tuple[str, ...], options: FitOptions, seed: int = 0) -> Estimate:
+    """A simpler level of a model, its rejected rows judged as in a fit with this model alone."""
+    found = simpler_level(scene, effects, options)
+    return judged_complete(found, seed)[0] if options.robust else found
 
 
 def judged_complete(found: Estimate, seed: int = 0) -> tuple[Estimate, tuple[SharedCause, ...]]:

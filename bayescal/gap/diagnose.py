@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from bayescal.assess.identifiability import identifiability
+from bayescal.assess.shared_causes import judged_level
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of
@@ -22,7 +23,6 @@ from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.bounds import UNCHANGED, bounded
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import FORM
-from bayescal.estimate.widths import simpler_level
 from bayescal.gap.concluded import concluded, doubted, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, unseen
@@ -216,7 +216,7 @@ def fitted_levels(
     for level in levels_of(effects)[:-1] or [()]:
         of_model = effects[: len(level)] == level  # a simpler model has all of its parameters
         own = options if of_model else replace(options, without=())
-        fits.append((level or ("nominal",), partial(simpler_level, scene, level, own)))
+        fits.append((level or ("nominal",), partial(judged_level, scene, level, own)))
     if effects:
         fits.append((effects, lambda: found.baseline))
     if found.promoted:

@@ -120,8 +120,8 @@ def faults(record: Json) -> list[Fault]:
     for name in may_be:
         remedy = UNKNOWN if name == sheets.OTHER else FIRST if record["class"] else _remedy(name)
         p = record["probability"].get(name) or 0.0
-        where = record["class"]["site"] if record["class"] and name == sheets.OTHER else ""
-        facts = [("location", where), ("probability", probability(p))]
+        site = record["class"]["site"] if record["class"] and name == sheets.OTHER else ""
+        facts = [("location", site), ("probability", probability(p))]
         fault = Fault(f"{'' if p >= SURE else 'possibly '}{rival(name)}", _stated(facts), remedy)
         out.insert(0 if p >= SURE else len(out), fault)
     return out
