@@ -100,7 +100,8 @@ def scatter_of(found: Estimate) -> Scatter | None:
     if most - nats[0] > LEAST:
         slides = scene.dataset.robot.slides.all()
         readings = Scatter(u, known, most - float(nats[0]), "m" if slides else "rad")
-        return max(readings, *_of_images(found, evaluations, known, nats[0]), key=lambda s: s.nats)
+        every = [readings, *_of_images(found, evaluations, known, float(nats[0]))]
+        return max(every, key=lambda s: s.nats)
     return Scatter(known, known, 0.0) if nats[0] - plain > LEAST else None
 
 

@@ -72,6 +72,7 @@ def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:
     """Sets of effects, the most probable first, each once, with the log evidence of its most probable form.
 
     An unmodelled effect beside a set, and one in place of an effect of another set, may be of the same set.
+    Less probable ones than blind checks support are left out.
     """
     best: dict[frozenset[str], Weighed] = {}
     probability: dict[frozenset[str], float] = {}
@@ -80,8 +81,9 @@ def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:
         best.setdefault(effects, w)
         probability[effects] = probability.get(effects, 0.0) + w.probability
     ranked = sorted(best, key=lambda effects: -probability[effects])
+    shown = [n for n in ranked if probability[n] >= 1.0 - VERDICT.stated] or ranked[:1]
     return tuple(
-        Hypothetical(best[n].effects, supported(probability[n]), best[n].log_evidence) for n in ranked
+        Hypothetical(best[n].effects, supported(probability[n]), best[n].log_evidence) for n in shown
     )
 
 

@@ -95,3 +95,11 @@ def test_errors_of_images_themselves_are_not_those_of_readings(power):
     assert scatter_of(fitted) is None
     assert fitted.weights.scale["pixel"] == pytest.approx(1.0, abs=0.15)
     assert "every image has an error of its own" in found.words
+
+
+def test_errors_of_readings_stand_where_those_of_images_have_no_size(monkeypatch):
+    """Evidence that grows to the end of the sizes that are tried tells none."""
+    monkeypatch.setattr("bayescal.estimate.scatter.FIELDS", np.array([1e-4, 2e-4, 3e-4]))
+    found = told(unstated(misread(images(1), 1)))
+    assert found.power is None
+    assert found.beyond
