@@ -26,6 +26,7 @@ from bayescal.estimate.unexplained import FORM
 from bayescal.gap.concluded import concluded, doubted, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, unseen
+from bayescal.gap.design.candidate_contacts import stated_masses
 from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import again
@@ -323,7 +324,7 @@ def _diagnosed(
         reduction = tuple(replace(s, claimed=False) for s in reduction)
     places = either("locations", partial(where, first, last, found.promoted, noise.sd), ())
     groups = either("groups", partial(margins, found.baseline, before, noise.sd, noise.dof), {})
-    advice = either("what to measure next", partial(_advice, last, plain), ())
+    advice = either("what to measure next", partial(_advice, last), ())
     spots = either("effects that would not be seen", partial(_unseen, last, plain), ())
     sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
     open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
@@ -361,8 +362,9 @@ def _diagnosed(
     )
 
 
-def _advice(last: Examined, plain: Problem) -> tuple[Advice, ...]:
-    """What to measure next, by pairs of hypotheses without nuisance parameters."""
+def _advice(last: Examined) -> tuple[Advice, ...]:
+    """What to measure next, by pairs of hypotheses that may use errors of the stated masses."""
+    plain = without_nuisance(last.problem, last.fitted.model.size + len(stated_masses(last.fitted)))
     pairs = [
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
         for a, b in rivals(last)

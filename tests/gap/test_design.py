@@ -23,6 +23,7 @@ from bayescal.gap.design.candidate_contacts import (
     PairSide,
     contacts_of,
     possibilities,
+    stated_masses,
     turns,
     widened,
 )
@@ -62,14 +63,20 @@ class Session:
         self.problem = problem(self.fitted, self.known.pool)
         self.state = fit_state(self.problem, *NONE, robust=False)
         self.search = Search(self.problem, self.known)
+        beside = problem(self.fitted, self.known.pool, stated_masses(self.fitted))
+        self.with_masses = Search(beside, self.known)
 
-    def hypothesis(self, *named):
+    def rival(self, *named):
+        """The same as `hypothesis`, beside errors of the stated masses."""
+        return self.hypothesis(*named, search=self.with_masses)
+
+    def hypothesis(self, *named, search=None):
         """Effects, each at a site ("" for all)."""
         members = []
         for effect, site in named:
             own = self.known.variants[effect]
             members.append(Member(next(v for v in own if v.site == site or len(own) == 1), 1.0, 0.0))
-        return self.search.hypothesis(members)
+        return (search or self.search).hypothesis(members)
 
 
 @cache
@@ -251,7 +258,9 @@ def brute(s: Session, dataset, true, rival) -> float:
     beyond = [m for m in true.members if m.effect not in rival.names]
     at = np.concatenate([m.variant.columns for m in beyond])
     keep = [np.full(len(m.variant.columns), m in beyond) for m in true.members]
-    p = problem(moved, [known.pool[k] for k in (*rival.state.columns, *at)])
+    masses = {p.name: p for p in stated_masses(moved)}
+    same = [masses[p.name] for p in stated_masses(s.fitted)]
+    p = problem(moved, [known.pool[k] for k in (*rival.state.columns, *at)], same)
     white = np.ones(len(p.residual))
     white[: p.count] = 1.0 / rival.state.kappa
     free = len(rival.state.columns)
@@ -266,10 +275,7 @@ def brute(s: Session, dataset, true, rival) -> float:
 )
 def test_lambda_grows_as_if_the_contacts_had_been_made(what):
     s = spheres()
-    true, rival = (
-        s.hypothesis(("bending", "link 2"), ("backlash", "")),
-        s.hypothesis(("encoder-scale", "joint 2")),
-    )
+    true, rival = (s.rival(("bending", "link 2"), ("backlash", "")), s.rival(("encoder-scale", "joint 2")))
     interventions = possibilities(s.fitted, s.known, [*true.members, *rival.members])
     intervention = next(v for v in interventions if what in v.what)
     side = intervention.side(true, rival)
@@ -296,7 +302,7 @@ def test_lambda_grows_as_if_the_contacts_had_been_made(what):
 
 def test_the_first_contact_is_the_best_of_all():
     s = spheres()
-    a, b = s.hypothesis(("bending", "link 2")), s.hypothesis(("encoder-scale", "joint 2"))
+    a, b = s.rival(("bending", "link 2")), s.rival(("encoder-scale", "joint 2"))
     intervention = next(
         v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if "kg" in v.what
     )
@@ -316,21 +322,18 @@ def test_the_first_contact_is_the_best_of_all():
     assert after == pytest.approx(max(reached))
 
 
-def large(h):
+def large(h, size=3.0):
     """The same hypothesis, at three times the prior's size."""
     own = len(h.state.step) - len(h.state.columns)
-    step = np.append(h.state.step[:own], np.full(len(h.state.columns), 3.0))
+    step = np.append(h.state.step[:own], np.full(len(h.state.columns), size))
     return replace(h, state=replace(h.state, step=step))
 
 
 def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes, monkeypatch):
-    bent, scaled = cubes.hypothesis(("bending", "link 2")), cubes.hypothesis(("encoder-scale", "joint 2"))
-    play, wave = (
-        large(cubes.hypothesis(("backlash", "joint 4"))),
-        cubes.hypothesis(("eccentricity", "joint 4")),
-    )
+    bent, scaled = cubes.rival(("bending", "link 2")), cubes.rival(("encoder-scale", "joint 2"))
+    play, wave = large(cubes.rival(("backlash", "joint 4")), 1.0), cubes.rival(("eccentricity", "joint 4"))
     bent, scaled, wave = large(bent), large(scaled), large(wave)
-    none = cubes.hypothesis()
+    none = cubes.rival()
     found = advising.advise(cubes.fitted, cubes.known, [(bent, scaled), (play, wave), (wave, none)])
     load = next(a for a in found if a.separates == ("bending", "encoder-scale"))
     assert "kg additional" in load.what
@@ -368,7 +371,7 @@ def test_points_of_an_instrument_are_judged_too(tracker):
     spots = blind_spots(s.fitted, s.known, s.state)
     assert spots
     assert all(b.distance_error >= 0 for b in spots)
-    a, b = s.hypothesis(("bending", "link 2")), s.hypothesis(("encoder-scale", "joint 2"))
+    a, b = s.rival(("bending", "link 2")), s.rival(("encoder-scale", "joint 2"))
     intervention = next(
         v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if v.what == AGAIN
     )

@@ -205,7 +205,7 @@ def failing(error: Exception):
 def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
     """The rest of the diagnosis is there, with the reason."""
     refused = failing(BayescalError("the fit does not converge"))
-    monkeypatch.setattr("bayescal.gap.diagnose.simpler_level", refused)
+    monkeypatch.setattr("bayescal.gap.diagnose.judged_level", refused)
     gap = diagnose(geared(tracker(seed=3, count=60).dataset), MODEL)
     assert [step.model for step in gap.levels] == [MODEL]
     lost = [w for w in gap.warnings if "left out" in w]
@@ -247,14 +247,14 @@ STAGES = {
     "blind_spots": "effects that would not be seen",
     "amplitudes": "amplitudes",
     "undecided": "effects that are not told from each other",
-    "simpler_level": "the model level nominal",
+    "judged_level": "the model level nominal",
 }
 """Functions of `gap.diagnose` that its other results do not need, and what is said of their failure."""
 FAILING = (
     ("refit",),
     ("bounded",),
     ("stated",),
-    ("undetermined", "where", "advise", "amplitudes", "simpler_level"),
+    ("undetermined", "where", "advise", "amplitudes", "judged_level"),
     ("shrinkage", "margins", "blind_spots", "undecided"),
 )
 """Stages that fail together: those that come later do not need each other."""

@@ -17,13 +17,14 @@ from bayescal.arm.statics import Stance
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.write import appended
 from bayescal.effects import EFFECTS, Parameter, parameters_of
+from bayescal.effects.gravity import masses
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.design.blind_spots import located
 from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.search.beam import Hypothesis, Member
+from bayescal.gap.search.beam import COMPLIANCE, Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import length_blocks, main_group
@@ -163,7 +164,7 @@ class Possible:
     what: str
     pose: np.ndarray  # (contacts,) row of the session
     contact: np.ndarray  # (R,)
-    design: np.ndarray  # (R, D) by the fitted model
+    design: np.ndarray  # (R, D) by the fitted model, and by the stated masses
     used: np.ndarray  # (K,) candidates, ascending
     pool: np.ndarray  # (R, K)
     own: np.ndarray
@@ -201,6 +202,14 @@ class Possible:
         return any(np.max(np.abs(d), initial=0.0) > DESIGN.changed for d in changed)
 
 
+def stated_masses(fitted: Estimate) -> list[Parameter]:
+    """Errors of the stated masses that every hypothesis about the fitted rows may use, as in the search."""
+    model = fitted.model
+    if COMPLIANCE not in model.effects:
+        return []
+    return masses(with_compliances(model.scene.circumstances(model.scene.rows("calibrate")), fitted))
+
+
 def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
     """All interventions, linearised at the estimate; the first is `AGAIN`."""
     model = fitted.model
@@ -215,9 +224,10 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
         own = EFFECTS[effect].at(c, setting)
         now = _again([known.pool[k] for k in columns], [*own, *in_proportion(effect, own)])
         fresh |= dict(zip(columns, now, strict=True))
-    used = np.array(sorted(fresh))
-    wide = Model(scene, model.effects, (*parameters, *(fresh[k] for k in sorted(fresh))), (), ())
-    values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(len(used)))
+    used, stated = np.array(sorted(fresh)), _again(stated_masses(fitted), masses(c))
+    further = (*stated, *(fresh[k] for k in sorted(fresh)))
+    wide = Model(scene, model.effects, (*parameters, *further), (), ())
+    values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(len(further)))
     main = main_group(model)
     return [
         *(_linear(fitted, wide, values, intervention, used, main) for intervention in interventions),
@@ -242,12 +252,11 @@ def _linear(
         sigma = sigma[:, np.searchsorted(fit.rows, intervention.source[candidates])].reshape(-1, 1)
         sigma = sigma * fitted.weights.scale[fit.group] / fitted.weights.scale[main]
         by_arm = by_arm * wide.sd / sigma
-        design = np.zeros((block.residuals, len(fitted.z)))
-        design[:, :count] = by_arm[:, :count]
+        design, pool = _divided(by_arm, count, len(fitted.z), len(used))
         design[:, model.slices[fit.target]] = by_own / sigma
         contact.append(np.tile(number[candidates], block.kind.rows))
         designs.append(design)
-        pools.append(by_arm[:, count:])
+        pools.append(pool)
     none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
     designs_of_all, pool = np.concatenate(designs), np.concatenate(pools)
     m, stated = wide.scene.dataset.measurements, model.scene.dataset.measurements
@@ -259,6 +268,14 @@ def _linear(
         None if m.velocity is None else m.velocity[own],
         m.payload[own] if m.payload is not None and loaded else None,
     )  # fmt: skip
+
+
+def _divided(by_arm: np.ndarray, count: int, size: int, used: int) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (R, D) of the fitted model with the stated masses behind, and (R, K) of candidates."""
+    masses = by_arm.shape[1] - count - used
+    design = np.zeros((len(by_arm), size + masses))
+    design[:, :count], design[:, size:] = by_arm[:, :count], by_arm[:, count : count + masses]
+    return design, by_arm[:, count + masses :]
 
 
 def _spheres(
@@ -294,12 +311,10 @@ def _spheres(
                 sd = (blocks[name][0].sd * _tighter(blocks[name][0]))[:3]
                 constraint[starts[name] : starts[name] + 3] = way * apart / np.linalg.norm(apart) * sd
             information += np.outer(constraint, constraint) / max(c.u_distance or 0.0, DESIGN.least_u) ** 2
-    arm = np.concatenate(arms)
-    design = np.zeros((len(arm), len(fitted.z)))
-    design[:, :count] = arm[:, :count]
+    design, pool = _divided(np.concatenate(arms), count, len(fitted.z), len(used))
     return [
         Possible(
-            SPHERES, np.concatenate(rows), np.concatenate(contact), design, used, arm[:, count:],
+            SPHERES, np.concatenate(rows), np.concatenate(contact), design, used, pool,
             np.concatenate(owns), np.linalg.inv(information), measured=True,
         )
     ]  # fmt: skip
