@@ -96,7 +96,7 @@ def test_no_verdict_is_favourable_where_priors_decide(fits):
 
 def test_a_good_session_is_silent(fits, cube):
     assert fits["good"].warnings == ()
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         assert not said(fit(cube(seed=seed, count=120).dataset, FULL, samples=0))
 
 
@@ -127,7 +127,7 @@ def test_faces_alike_see_every_direction(cube):
 def test_the_forecast_holds_the_truth(cube, faces):
     """True distances of the true arm: as far off as predicted, with faces all round and with two alone."""
     ratios = []
-    for seed in range(1, 5):
+    for seed in range(1, 4):
         session = cube(seed=seed, count=120)
         found = fit(on_faces(session.dataset, *faces), FULL, samples=0)
         scene, m = found.final.estimate.model.scene, session.dataset.measurements
@@ -146,11 +146,10 @@ def test_the_forecast_holds_the_truth(cube, faces):
     assert max(ratios) < 2.5
 
 
-def test_more_contacts_leave_less_to_the_prior(cube):
-    shares = [fit(cube(seed=6, count=n).dataset, FULL, samples=0).forecast.prior_share for n in (24, 40, 120)]
-    assert shares[0] > 0.9
-    assert 0.02 < shares[1] < 0.5
-    assert shares[2] < 0.01
+def test_more_contacts_leave_less_to_the_prior(fits, cube):
+    assert fits["too few"].forecast.prior_share > 0.9
+    assert 0.02 < fit(cube(seed=6, count=40).dataset, FULL, samples=0).forecast.prior_share < 0.5
+    assert fits["good"].forecast.prior_share < 0.01
 
 
 def test_the_summary_leads_with_the_distance_error(fits, tmp_path):

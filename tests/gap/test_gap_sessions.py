@@ -61,11 +61,6 @@ def few(loud):
     return first(loud, 100)
 
 
-@pytest.fixture(scope="module")
-def twenty(loud):
-    return diagnose(first(loud, 20), options=FitOptions(seed=5))
-
-
 def printed(gap):
     return terminal_text(gap_summary(gap, gap_record(gap)), 110)
 
@@ -156,11 +151,6 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
         assert abs(np.degrees(refit[a["parameters"][0]])) == pytest.approx(a["value"], rel=1e-9)
 
 
-def test_one_seed_one_result(twenty):
-    again = diagnose(twenty.dataset, options=FitOptions(seed=5))
-    assert json.dumps(gap_record(again)) == json.dumps(gap_record(twenty))
-
-
 @foreign.needs()
 @pytest.mark.parametrize("world", ["010", "022"])
 def test_worlds_of_another_author(world):
@@ -197,7 +187,7 @@ def one_plane(dataset):
 
 
 def test_without_speeds_and_all_planes_but_one(few):
-    gap = diagnose(with_columns(one_plane(few), velocity=None))
+    gap = diagnose(with_columns(one_plane(first(few, 60)), velocity=None))
     sane(gap)
     assert {"backlash", "latency", "artefact"} <= set(gap.verdict.missing)
     assert all(gap.verdict.missing.values())
@@ -215,7 +205,8 @@ def test_without_spheres_validation_measurements_time_temperature_repeats_and_en
 
 
 def test_a_robot_without_masses(few):
-    light = replace(few, robot=replace(few.robot, masses=None, centres_of_mass=None, compliance=None))
+    light = replace(few.robot, masses=None, centres_of_mass=None, compliance=None)
+    light = replace(first(few, 30), robot=light)
     with pytest.raises(BayescalError, match="compliance cannot be judged"):
         diagnose(light)
     gap = diagnose(light, ("geometry",))
@@ -250,7 +241,8 @@ def test_a_model_that_has_the_effect_and_a_step_has_no_gap(few):
     assert len(gap.levels) == 6
 
 
-def test_twenty_contacts(twenty):
+def test_twenty_contacts(loud):
+    twenty = diagnose(first(loud, 20), options=FitOptions(seed=5))
     sane(twenty)
     assert not twenty.verdict.named
     assert any("uncertain" in w for w in twenty.warnings)
@@ -368,7 +360,7 @@ def test_a_handful_of_contacts_claims_nothing(loud, count):
 
 USUAL = ("geometry", "compliance")
 ONE_SESSION_LITTLE = {
-    "contacts": 70, "later": 20, "repeats": 4, "spheres": 1, "placements": 1, "arm_seed": 1
+    "contacts": 50, "later": 16, "repeats": 4, "spheres": 1, "placements": 1, "arm_seed": 1
 }  # fmt: skip
 
 

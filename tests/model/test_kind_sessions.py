@@ -14,11 +14,10 @@ from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.effects.geometry import LOOSE_ANGLE
 from bayescal.errors import BayescalError
-from bayescal.estimate import calibrated, estimate
+from bayescal.estimate import calibrated
 from bayescal.estimate.bounds import with_latent_readings
 from bayescal.estimate.unexplained import FaceCheck, with_uneven_faces
 from bayescal.gap.diagnose import diagnose
-from bayescal.model import build
 from bayescal.model.block import USUAL
 from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
@@ -113,18 +112,23 @@ def every(cube):
     return of_pieces(cube(seed=8), pieces, papers, seed=3)
 
 
+@pytest.fixture(scope="module")
+def fits(several, posed, every):
+    made = {"several": several, "posed": posed, "every": every}
+    return {name: (session, fit(session.dataset, FULL, samples=0)) for name, session in made.items()}
+
+
 @pytest.mark.parametrize("name", ["several", "posed", "every"])
-def test_fit_and_validate(name, request):
-    session = request.getfixturevalue(name)
-    result = fit(session.dataset, FULL, samples=0)
+def test_fit_and_validate(name, fits):
+    session, result = fits[name]
     check_truth(session, result.final.estimate)
     check_held_out(result)
     assert all(0.7 < s < 1.4 for g, s in result.final.estimate.weights.scale.items() if g != "orientation")
 
 
-def test_the_form_of_a_face_beside_orientations(every):
+def test_the_form_of_a_face_beside_orientations(fits):
     """It adds its own unknowns alone: the turn of a tool is there already."""
-    found = estimate(build(Scene(every.dataset, oriented=True), FULL))
+    found = fits["every"][1].final.estimate
     formed = with_uneven_faces(found, [FaceCheck("cube.+y", 20e-6, 0.0, True)]).model
     assert any(p.effect == "plane-form" for p in formed.parameters)
     assert len(set(formed.names)) == len(formed.names)

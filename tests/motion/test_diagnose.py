@@ -79,9 +79,6 @@ def test_the_alignment_that_check_advises_makes_a_late_log_a_null_log(tmp_path):
     file.write_text(file.read_text().replace(f"{advised}", "-10"))
     (finding,) = [f for f in bc.check(folder).data.findings if f.code == "delay"]
     assert "stated is -10 ms" in finding.what
-    gap = bc.diagnose(folder, without=[])
-    assert gap.effects == ("delay",)
-    assert gap.amplitudes.iloc[0].value == pytest.approx(0.02, abs=1e-3)
 
 
 @pytest.mark.parametrize("stated", [0.0, -8.0])
