@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, settings
 from loops import asserting
 
 from bayescal.arm.chain import Robot
+from bayescal.calibration import VALIDATION_DRAWS
 from bayescal.reporting.figures import process
 from bayescal.reporting.page.build import BROWSERS
 from bayescal.robots import load_robot
@@ -138,10 +139,22 @@ def renewed(tmp_path_factory):
 
 @pytest.fixture(autouse=True, scope="session")
 def _undrawn():
-    """Figures of a run are not drawn, nor by a second process, but `with drawn()`: each takes .3 s."""
+    """Figures of a run are not drawn, nor by a second process, but `with drawn()`: each takes .3 s.
+
+    A fit predicts with a quarter of the usual draws, which are a third of its time.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process, "cores", lambda: 1)
         patch.setattr(process, "figures_of", undrawn)
+        patch.setattr("bayescal.calibration.VALIDATION_DRAWS", 500)
+        yield
+
+
+@pytest.fixture(scope="module")
+def usual_draws():
+    """Fits of the module predict with as many draws as in a command."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayescal.calibration.VALIDATION_DRAWS", VALIDATION_DRAWS)
         yield
 
 

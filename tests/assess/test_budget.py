@@ -44,7 +44,7 @@ def session():
 
 
 @pytest.fixture(scope="module")
-def fitted(session):
+def fitted(session, usual_draws):
     """Without the compliance of the arm, so that there is a discrepancy and an unexplained error."""
     return fit(session, ("geometry",), FitOptions(seed=1), samples=4000)
 

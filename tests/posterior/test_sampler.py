@@ -360,7 +360,7 @@ def test_every_observed_variable_has_its_predictions(records):
     assert set(data["observed_data"].data_vars) <= set(data["posterior_predictive"].data_vars)
 
 
-def test_many_validation_rows_have_fewer_draws(monkeypatch):
+def test_many_validation_rows_have_fewer_draws(monkeypatch, usual_draws):
     dataset = simulate(Options(contacts=80, later=16, repeats=5, placements=1, seed=1)).dataset
     assert calibration.predicted_draws(dataset) == calibration.VALIDATION_DRAWS
     rows = int(np.sum(dataset.measurements.role == "validate"))

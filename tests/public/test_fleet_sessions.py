@@ -177,7 +177,7 @@ def test_the_learnt_prior_is_used_by_the_next_fit(ran, folder, tmp_path):
     assert not [w for w in learnt.warnings if "contrary to the prior" in w]
 
 
-def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path):
+def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path, usual_draws):
     """A prior that is wrong in one parameter, by many of its standard deviations."""
     texts = {p.name: p.read_text() for p in (folder / "sessions" / "arm-0").iterdir()}
     prior = "priors:\n  - {name: theta3, deviation_deg: 0.8, sd_deg: 0.02}\n  - {name: theta9, sd_deg: 1}\n"
