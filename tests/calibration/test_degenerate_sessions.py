@@ -432,7 +432,7 @@ def test_record_and_table_tell_how_the_sessions_agree(together):
 
 
 def test_sessions_of_two_arms_are_flagged(folders):
-    result = bc.fit([folders / "may", folders / "twin"], samples=0)
+    result = bc.fit([folders / "may", folders / "twin"], "geometry", samples=0)
     assert result.record["agreement"]["pairs"][0]["disagree"]
     assert "may and twin disagree" in " ".join(str(result).split())
     assert any("may and twin disagree" in warning for warning in result.record["warnings"])
