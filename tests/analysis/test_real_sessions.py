@@ -102,6 +102,17 @@ def records(folder):
     return json.loads((folder / "runs" / "records.json").read_text(encoding="utf-8"))
 
 
+def check_continued(folder, module, given, key, monkeypatch):
+    """A record that is lost is made again, no other, and the page is the same."""
+    before, kept, made = (folder / "page.md").read_text(encoding="utf-8"), records(folder), []
+    last = kept.pop(key)
+    (folder / "runs" / "records.json").write_text(json.dumps(kept), encoding="utf-8")
+    monkeypatch.setattr(module, "made", lambda task: made.append(task.key) or last)
+    module.main(given)
+    assert made == [key]
+    assert (folder / "page.md").read_text(encoding="utf-8") == before
+
+
 def test_each_level_leaves_less(run):
     whole = records(run)["sockets"]
     assert whole["places"] == list(PLACES)
@@ -133,15 +144,7 @@ def test_the_page_is_renewed_and_a_run_goes_on(run, monkeypatch):
     before = (run / "page.md").read_text(encoding="utf-8")
     assert "| sockets, 24 points | nominal |" in before
     assert "| sockets, 3 locations | nominal |" in before
-    path = run / "runs" / "records.json"
-    kept = records(run)
-    last = kept.pop("sockets | far")
-    path.write_text(json.dumps(kept), encoding="utf-8")
-    made = []
-    monkeypatch.setattr(real_sessions, "made", lambda task: made.append(task.key) or last)
-    real_sessions.main(arguments(run))
-    assert made == ["sockets | far"]
-    assert (run / "page.md").read_text(encoding="utf-8") == before
+    check_continued(run, real_sessions, arguments(run), "sockets | far", monkeypatch)
 
 
 def test_the_figures_of_others_are_numbers_of_known_levels():
@@ -191,9 +194,9 @@ def knock_out_arguments(folder):
 
 
 def test_what_is_taken_out_is_found(knock_out_run):
-    records = json.loads((knock_out_run / "runs" / "records.json").read_text(encoding="utf-8"))
-    assert list(records) == ["session | whole", "session | compliance", "session | geometry at joint 4"]
-    whole, compliance, joint = records.values()
+    found = records(knock_out_run)
+    assert list(found) == ["session | whole", "session | compliance", "session | geometry at joint 4"]
+    whole, compliance, joint = found.values()
     assert whole["verdict"] == "null"
     assert whole["joints"] == [1, 2, 3, 4, 5]
     assert [step["adds"] for step in whole["levels"]] == ["nominal", "geometry", "compliance"]
@@ -215,16 +218,8 @@ def test_the_page_has_what_was_found(knock_out_run):
 
 
 def test_an_interrupted_run_goes_on(knock_out_run, monkeypatch):
-    before = (knock_out_run / "page.md").read_text(encoding="utf-8")
-    path = knock_out_run / "runs" / "records.json"
-    records = json.loads(path.read_text(encoding="utf-8"))
-    last = records.popitem()[1]
-    path.write_text(json.dumps(records), encoding="utf-8")
-    made = []
-    monkeypatch.setattr(knock_out, "made", lambda task: made.append(task.key) or last)
-    knock_out.main(knock_out_arguments(knock_out_run))
-    assert made == ["session | geometry at joint 4"]
-    assert (knock_out_run / "page.md").read_text(encoding="utf-8") == before
+    given = knock_out_arguments(knock_out_run)
+    check_continued(knock_out_run, knock_out, given, "session | geometry at joint 4", monkeypatch)
 
 
 def missed(**more):

@@ -57,10 +57,7 @@ def test_the_arm_is_at_fault_and_the_noise_is_that_of_the_session(found):
     assert (of.images, of.target) == (12, "cam")
     assert of.corners == 12 * 24 - len(found.rejected)
     assert of.noise == pytest.approx(0.2, rel=0.1)
-
-
-def test_the_uncertainty_of_a_part_is_its_scatter(found):
-    (of,) = images(found)
+    # the uncertainty of a part is its scatter
     rng, scatter = np.random.default_rng(1), {p.side: [] for p in of.parts}
     for z in rng.multivariate_normal(found.z, found.covariance, 60):
         (drawn,) = images(replace(found, z=z))

@@ -371,10 +371,7 @@ def test_columns_of_both_are_continued(halves):
     np.testing.assert_array_equal(rows.time, np.concatenate([first.time, second.time]))
     assert set(rows.repeat[:60].tolist()) == {"", "r1"}
     assert set(rows.repeat[60:].tolist()) == {"", "r1.later"}
-
-
-def test_a_clock_that_begins_again_continues(halves):
-    first, second = halves
+    # a clock that begins again continues
     restarted = replace(second, time=second.time - second.time[0])
     rows, _ = followed(first, restarted)
     np.testing.assert_allclose(rows.time[60:], first.time[-1] + PAUSE + restarted.time)

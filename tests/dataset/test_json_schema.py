@@ -100,7 +100,7 @@ def test_every_key_has_a_description_with_its_unit():
                     assert entry["description"].endswith(f"Unit: {UNITS.get(unit, unit)}."), key
 
 
-def test_the_page_states_every_key_and_column():
+def test_the_page_states_every_key_and_column(valid):
     page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
     for model in CHECKED:
         for name, field in model.model_fields.items():
@@ -113,17 +113,14 @@ def test_the_page_states_every_key_and_column():
             assert row in page, f"{model.__name__}: {row}"
     for column, meaning in COLUMNS.items():
         assert f"| `{column}` | {meaning} |" in page
-
-
-def test_every_column_is_explained():
-    assert set(COLUMNS) == {*PLAIN, *(f"jN_{kind}" for kind in (*JOINT, *JOINT.values()))}
-
-
-def test_examples_of_the_page_are_valid(valid):
-    page = (ROOT / "docs" / "dataset.md").read_text(encoding="utf-8")
+    # examples of the page are valid
     examples = (load(text) for text in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
     of_dataset, of_artefact, of_solids, of_plan, of_record, of_robot = examples
     assert valid("dataset", of_dataset)
     assert valid("dataset", of_dataset | of_solids | of_plan | of_record)
     assert valid("artefact", of_artefact)
     assert valid("robot", of_robot)
+
+
+def test_every_column_is_explained():
+    assert set(COLUMNS) == {*PLAIN, *(f"jN_{kind}" for kind in (*JOINT, *JOINT.values()))}

@@ -260,10 +260,7 @@ def test_settings_worth_trying(scanned):
                 assert np.any(term.driver)
     assert told[0]
     assert all(names == told[0] for names in told)
-
-
-def test_a_setting_is_named_behind_its_effect(scanned):
-    effect, c = scanned
+    # a setting is named behind its effect
     value = float(effect.scan.values(c)[1])
     named = parameters_of((f"{effect.name}@{value!r}",), c)
     assert {p.effect for p in named} == {effect.name, "tool"}
@@ -359,10 +356,7 @@ def test_compliance_is_that_of_the_drawing(cube):
         at_rest = a.motion.points(drawn.deviations(np.zeros(len(drawn.parameters))))
         np.testing.assert_allclose(at_rest, b.motion.points(values), atol=1e-13)
         assert np.max(np.abs(at_rest - c.motion.points(np.zeros(3)))) > 1e-4
-
-
-def test_first_joint_carries_no_torque(cube):
-    dataset = cube(seed=1).dataset
+    # first joint carries no torque
     names = [p.name for p in parameters_of(("compliance",), circumstances(dataset))]
     assert names[:5] == [f"compliance J{j}" for j in range(2, 7)]
     leaning = replace(dataset, gravity=np.array([0.0, 3.0, -9.0]))

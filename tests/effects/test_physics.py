@@ -187,7 +187,7 @@ def shown_or_between(dataset, side, joint, values):
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 5])
 @pytest.mark.parametrize(("coupling", "side"), [("display", "link"), ("mechanical", "reading")])
-def test_encoder_scale_turns_what_its_encoder_carries(dataset, coupling, side, joint):
+def test_errors_of_coupled_axes_go_by_what_their_encoder_and_gear_carry(dataset, coupling, side, joint):
     """Of coupled axes an encoder between links turns its own link alone, one at a motor what that moves."""
     arm = coupled(dataset, coupling)
     angle = shown_or_between(dataset, side, joint, dataset.measurements.readings)
@@ -195,12 +195,7 @@ def test_encoder_scale_turns_what_its_encoder_carries(dataset, coupling, side, j
     now = ball_centres(arm, "encoder-scale", **{f"encoder_scale_J{joint}": 1e-3})
     np.testing.assert_allclose(now, expected, atol=1e-14)
     assert np.max(np.abs(expected - Scene(arm).points)) > 1e-6
-
-
-@pytest.mark.parametrize("joint", [1, 2, 3, 5])
-@pytest.mark.parametrize(("coupling", "side"), [("display", "link"), ("mechanical", "reading")])
-def test_backlash_goes_by_what_passes_the_gear(dataset, coupling, side, joint):
-    arm = coupled(dataset, coupling)
+    # backlash goes by what passes the gear
     speed = shown_or_between(dataset, side, joint, dataset.measurements.velocity)
     fast = np.abs(speed) > np.radians(0.3)
     expected = wrong_by(dataset, coupling, joint, 1e-4 * np.sign(speed))

@@ -173,11 +173,7 @@ def test_torques_drive_effects_and_cells(pulled):
     without = circumstances(replace(pulled, robot=replace(pulled.robot, masses=None, centres_of_mass=None)))
     wanted = {str(cell.driver) for cell in cells(without) if cell.driver.kind == "torque"}
     assert {"torque 3", "past torque 3", "torque 3, by its angle"} <= wanted
-
-
-def test_masses_do_not_act_twice(pulled):
-    """Measured torques contain every mass: no error of a mass turns a joint; no payload is a candidate."""
-    c = circumstances(pulled)
+    # Measured torques contain every mass: no error of a mass turns a joint; no payload is a candidate
     assert not masses(c)
     assert masses(circumstances(replace(pulled, torques="computed")))
     scene = Scene(pulled)

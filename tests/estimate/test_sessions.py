@@ -85,12 +85,7 @@ def test_joint_fit_is_the_concatenated_problem():
     np.testing.assert_allclose(together.sd, sd, rtol=1e-3)
     # the fit of the first alone is another one: the second does count
     assert np.max(np.abs(estimate(models[0], robust=False).z[:arm] - found.x[:arm]) / sd[:arm]) > 0.5
-
-
-def test_information_of_sessions_adds():
-    """Whitened by the prior, I = C^-1 - 1 of the arm: that of both is the sum of each one's."""
-    sessions = pair_of_one_arm()
-    together = estimate(build(Scene(joined(sessions)), BOTH), robust=False)
+    # Whitened by the prior, I = C^-1 - 1 of the arm: that of both is the sum of each one's
     arm = len(together.model.parameters)
     information = np.zeros((arm, arm))
     for s in sessions:

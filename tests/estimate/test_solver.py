@@ -99,7 +99,7 @@ def without(dataset, *kinds):
     return replace(dataset, certificates=tuple(c for c in dataset.certificates if c.kind not in kinds))
 
 
-def test_no_length_is_refused(cube):
+def test_no_length_and_nothing_to_fit_are_refused(cube):
     """Wide priors and no certified length: the arm would shrink to a point and report no error."""
     dataset = cube(seed=2).dataset
     with pytest.raises(BayescalError, match="length"):
@@ -110,6 +110,10 @@ def test_no_length_is_refused(cube):
         estimate(build(Scene(without(dataset, "parallel")), BOTH, FitOptions(prior_width=1000.0)))
     with pytest.raises(BayescalError, match="length"):  # nor is a length that may be wrong by centimetres
         estimate(build(Scene(dataset), (*BOTH, "artefact"), FitOptions(prior_width=1000.0)))
+    # nothing to fit
+    idle = replace(dataset.measurements, role=np.full(len(dataset.measurements.ids), "validate"))
+    with pytest.raises(BayescalError, match="calibrate"):
+        build(Scene(replace(dataset, measurements=idle)), BOTH)
 
 
 def test_a_length_is_enough(cube):
@@ -153,13 +157,6 @@ def test_a_zero_too_far_off_is_refused(cube):
             build(Scene(off_by(cube(seed=2).dataset, 20.0)), BOTH, FitOptions(prior_width=100.0)),
             robust=False,
         )
-
-
-def test_nothing_to_fit(cube):
-    dataset = cube(seed=2).dataset
-    idle = replace(dataset.measurements, role=np.full(len(dataset.measurements.ids), "validate"))
-    with pytest.raises(BayescalError, match="calibrate"):
-        build(Scene(replace(dataset, measurements=idle)), BOTH)
 
 
 # --- Outliers: clean measurements are lost at the promised rate, whatever their rows and their number.

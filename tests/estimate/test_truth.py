@@ -195,10 +195,7 @@ def test_known_targets(cube):
     base = [k for k, name in enumerate(found.model.names) if name.startswith("base")]
     assert len(base) == 6
     assert np.max(found.sd[base]) < 0.02
-
-
-def test_known_tool(cube):
-    session = cube(seed=8, count=200)
+    # known tool
     tool = replace(session.dataset.tools[0], centre=session.arm.tool, u=0.0)
     found = fit(replace(session.dataset, tools=(tool,)))
     assert not [name for name in found.model.names if name.startswith("ball")]

@@ -79,6 +79,18 @@ def test_flange_and_slopes(session):
     moved = step.at(session.measurements.readings[:5], direction=np.ones(6)).points - poses.points
     np.testing.assert_allclose(1e6 * moved, poses.by_parameters[:, :, k], atol=2e-3)
     assert poses.covariance.shape == (5, 3, 3)
+    # levels add one effect each
+    assert arm.levels == ("nominal", "geometry", "+ compliance", "+ backlash")
+    q = session.measurements.readings[:3]
+    last = arm.level("+ backlash").at(q, direction=np.ones(6)).points
+    np.testing.assert_allclose(last, arm.at(q, direction=np.ones(6)).points, rtol=0, atol=1e-12)
+    nominal = arm.level("nominal").at(q).points
+    np.testing.assert_allclose(nominal, arm.model.scene.points[:3], rtol=0, atol=1e-12)
+    scene = Scene(session)
+    model = build(scene, ("geometry",))
+    own = [arm.values[arm.model.names.index(p.name)] for p in model.parameters]
+    rigid = model.motion(np.arange(3)).points(np.array(own)).T
+    np.testing.assert_allclose(arm.level("geometry").at(q).points, rigid, rtol=0, atol=1e-12)
 
 
 def test_play_follows_the_direction(session):
@@ -101,21 +113,6 @@ def test_state_of_a_time_and_of_a_row(session):
     assert np.linalg.norm(early - late) > 1e-6
     with pytest.raises(BayescalError, match="there is no row `x`"):
         arm.at(q, row="x")
-
-
-def test_levels_add_one_effect_each(session):
-    arm = fake(session, ("geometry", "compliance", "backlash"))
-    assert arm.levels == ("nominal", "geometry", "+ compliance", "+ backlash")
-    q = session.measurements.readings[:3]
-    last = arm.level("+ backlash").at(q, direction=np.ones(6)).points
-    np.testing.assert_allclose(last, arm.at(q, direction=np.ones(6)).points, rtol=0, atol=1e-12)
-    nominal = arm.level("nominal").at(q).points
-    np.testing.assert_allclose(nominal, arm.model.scene.points[:3], rtol=0, atol=1e-12)
-    scene = Scene(session)
-    model = build(scene, ("geometry",))
-    own = [arm.values[arm.model.names.index(p.name)] for p in model.parameters]
-    rigid = model.motion(np.arange(3)).points(np.array(own)).T
-    np.testing.assert_allclose(arm.level("geometry").at(q).points, rigid, rtol=0, atol=1e-12)
 
 
 def test_every_moving_effect_is_tested():
@@ -251,7 +248,7 @@ def done(work):
     return True, ""
 
 
-def test_the_rule(run):
+def test_the_rule_and_what_files_and_reports_say(run):
     use = of_fit(run.fit).use
     assert use.allowed == run.allowed
     assert use.next == run.step or not run.step
@@ -259,10 +256,7 @@ def test_the_rule(run):
         run.fit.acceptance.usable <= use.allowed or run.case == "not converged"
     )  # no good verdict is refused
     assert bool(use.rigid.parameters) == (run.case == "barely negative")
-
-
-def test_files_and_reports_say_the_same(run):
-    use = of_fit(run.fit).use
+    # files and reports say the same
     head = (run.folder / "robot.yaml").read_text(encoding="utf-8").splitlines()[: len(use.against) + 1]
     refused = [line for line in head if line.startswith("# NOT TO BE USED: ")]
     assert refused == [f"# NOT TO BE USED: {reason}." for reason in use.against]
@@ -394,11 +388,7 @@ def test_priors_that_decide(result):
         assert len(gate.of_estimate(found, share**2 * prior)) == words
     bare = replace(found.model, constraints=())
     assert gate.of_estimate(replace(found, model=bare), prior)[0].startswith("no certified length was fitted")
-
-
-def test_a_diagnosis_is_judged_by_its_stated_covariance(result):
-    """As a fit is: not by the narrower one of the solver."""
-    found = result.data.final.estimate
+    # As a fit is: not by the narrower one of the solver
     verdict = SimpleNamespace(named=(), kind="null")
     wide = np.eye(found.model.size)
     gap = SimpleNamespace(arm=found, covariance=wide, verdict=verdict, rigid=UNCHANGED, displaced=())

@@ -58,6 +58,12 @@ def test_effects_that_help_are_kept():
     refit, _ = judged({}, {"play": 8e-6, "scale": 7e-6})
     found = confirmed(("play", "scale"), refit, (errors(20e-6),))
     assert (found.members, found.fitted, found.withheld) == (("play", "scale"), "play+scale", ())
+    # Even a certain one: there is no refit that has it
+    broken = unfitted(refit, lambda m: "scale" in m)
+    found = confirmed(("play", "scale"), broken, (errors(20e-6),), lambda member: True)
+    assert (found.members, found.fitted, found.unclaimed) == (("play",), "play", ())
+    (aside,) = found.withheld
+    assert aside.words == "explains the calibration rows but cannot be fitted (gravity moves the arm)"
 
 
 @pytest.mark.parametrize("order", [("drift", "play", "scale"), ("play", "scale", "drift")])
@@ -97,21 +103,17 @@ def test_an_effect_without_which_the_others_cannot_be_fitted_is_kept():
     assert found.members == ("play", "scale")
 
 
-def test_of_effects_that_cannot_be_fitted_together_the_last_is_withheld():
-    """Even a certain one: there is no refit that has it."""
-    refit, _ = judged({}, {"play": 8e-6, "scale": 7e-6})
-    broken = unfitted(refit, lambda m: "scale" in m)
-    found = confirmed(("play", "scale"), broken, (errors(20e-6),), lambda member: True)
-    assert (found.members, found.fitted, found.unclaimed) == (("play",), "play", ())
-    (aside,) = found.withheld
-    assert aside.words == "explains the calibration rows but cannot be fitted (gravity moves the arm)"
-
-
 def test_two_that_spoil_are_both_withheld():
     refit, _ = judged({"drift": 60e-6, "bending": 50e-6}, {"play": 8e-6})
     found = confirmed(("bending", "play", "drift"), refit, (errors(20e-6),))
     assert found.members == ("play",)
     assert {a.member for a in found.withheld} == {"drift", "bending"}
+    # The others are tested as if it were not there, and the refit contains it
+    found = confirmed(("drift", "bending", "play"), refit, (errors(20e-6),), lambda m: m == "drift")
+    assert (found.members, found.fitted) == (("drift", "play"), "drift+play")
+    assert [a.member for a in found.withheld] == ["bending"]
+    assert [a.member for a in found.unclaimed] == ["drift"]
+    assert found.unclaimed[0].cost > 3
 
 
 def test_of_two_that_spoil_only_together_one_goes():
@@ -129,16 +131,6 @@ def test_without_any_effect_the_baseline_stands():
     refit, _ = judged({"drift": 60e-6}, {})
     found = confirmed(("drift",), refit, (errors(20e-6),))
     assert (found.members, found.fitted) == ((), "")
-
-
-def test_a_certain_effect_keeps_its_name_and_loses_its_claim():
-    """The others are tested as if it were not there, and the refit contains it."""
-    refit, _ = judged({"drift": 60e-6, "bending": 50e-6}, {"play": 8e-6})
-    found = confirmed(("drift", "bending", "play"), refit, (errors(20e-6),), lambda m: m == "drift")
-    assert (found.members, found.fitted) == (("drift", "play"), "drift+play")
-    assert [a.member for a in found.withheld] == ["bending"]
-    assert [a.member for a in found.unclaimed] == ["drift"]
-    assert found.unclaimed[0].cost > 3
 
 
 @pytest.mark.parametrize("noise", [1.0, 0.2])

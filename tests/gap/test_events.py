@@ -173,16 +173,12 @@ def said(dataset, **columns):
     return {f.code: f.what for f in missing(Scene(with_columns(dataset, **columns)), None, None)}
 
 
-def test_check_tells_a_tool_of_validation_rows():
+def test_check_tells_a_tool_and_an_instrument_of_validation_rows():
     d, role, second = two_tools(30)
     told = said(d, role=role, tool=second).values()
     assert any("only validation rows use the tool other" in what and "1.5 mm" in what for what in told)
     assert not any("tool other" in what for what in said(d, tool=second).values())
-
-
-def test_check_tells_an_instrument_of_validation_rows():
-    """With its reflector, which is not fitted either; no fitted target has rows of it."""
-    d, role, second = two_tools(30)
+    # With its reflector, which is not fitted either; no fitted target has rows of it
     d = replace(d, targets=(*d.targets, replace(d.targets[0], name="second", u=5e-4)))
     told = said(d, role=role, target=second)
     words = "only validation rows are of the instrument second: its pose, uncertain by 0.5 mm"
@@ -217,11 +213,7 @@ def test_time_constants_have_three_digits():
     c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
     time = np.linspace(0.0, 1925.64, 110)  # four times that are 7702.56 s
     assert EFFECTS["thermal-drift"].scan.values(replace(c, time=time))[-1] == 7700.0
-
-
-def test_an_arm_warms_up_within_hours():
-    """A session of two days has no time constant of days."""
-    c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
+    # A session of two days has no time constant of days
     for hours, longest in ((48.0, 4.0), (0.5, 2.0)):
         time = np.linspace(0.0, 3600.0 * hours, 110)
         assert EFFECTS["thermal-drift"].scan.values(replace(c, time=time))[-1] == pytest.approx(

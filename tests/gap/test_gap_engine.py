@@ -373,7 +373,7 @@ def test_nuisance_columns_come_last_and_can_be_taken_off(session):
     assert wide.jacobian.shape[1] == plain.jacobian.shape[1] + len(mass_errors.masses(c))
 
 
-def test_screening_finds_the_ratio_of_a_gear(session):
+def test_screening_finds_the_ratios_of_gears(session):
     dataset = replace(session, robot=replace(session.robot, reductions=None))
     bench = Bench.of(dataset)
     c = bench.circumstances
@@ -389,12 +389,7 @@ def test_screening_finds_the_ratio_of_a_gear(session):
     assert [(m.effect, m.variant.setting, m.variant.site) for m in found.members] == [
         ("gear-mesh", 77.0, "joint 3")
     ]
-
-
-def test_joints_may_have_different_gear_ratios(session):
-    """Three gears: the screening finds the ratio of each, and `--model` takes what is found."""
-    dataset = replace(session, robot=replace(session.robot, reductions=None))
-    bench = Bench.of(dataset)
+    # Three gears: the screening finds the ratio of each, and `--model` takes what is found
     c, truth = bench.circumstances, {3: 77.0, 5: 50.0, 1: 121.0}
     p = bench.made_up(1)
     for j, ratio in truth.items():

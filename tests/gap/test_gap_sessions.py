@@ -477,10 +477,7 @@ def test_parts_are_candidates_each_and_together(scene):
     assert sorted(every.columns) == sorted(np.concatenate([v.columns for v in alone]))
     assert sum(np.exp(v.log_prior) for v in two.variants["geometry"]) == pytest.approx(1.0)
     assert [p.name for p in two.pool[: len(plain.pool)]] == [p.name for p in plain.pool]
-
-
-def test_a_part_keeps_the_setting_of_its_effect(scene):
-    c = circumstances(scene)
+    # a part keeps the setting of its effect
     known = candidates(c, (*USUAL, "gear-mesh@50"), [Part.of("gear-mesh at joint 3")])
     (variant,) = known.variants["gear-mesh"]
     assert (variant.setting, variant.site) == (50.0, "joint 3")
@@ -535,10 +532,7 @@ def test_every_parameter_may_be_named(scene):
         assert kept(own, (again,)) == kept(own, (part,))
     with pytest.raises(BayescalError, match="`compliance J9` is not an effect at a site, and no parameter"):
         parts_of(("compliance J9",), USUAL, own)
-
-
-def test_what_is_kept_and_what_is_refused(scene):
-    own = build(scene, USUAL).parameters
+    # what is kept and what is refused
     assert kept(own, ()) == own
     assert kept(own, [Part("bending", link(2))]) == own  # no such effect here: nothing to take
     with pytest.raises(BayescalError, match="no parameters at `wrist`"):

@@ -110,6 +110,9 @@ def test_an_eccentricity_with_a_part_of_the_third_order(bench):
     assert told(decision, member) == ("named", "eccentricity", "joint 3", "third-order")
     names = {bench.known.pool[k].name.removeprefix("eccentricity ") for k in member.variant.columns}
     assert names == {"J3 sin", "J3 cos", "third order J3 sin", "third order J3 cos"}
+    # an eccentricity of one order keeps its form
+    _, member = named(bench, turned(3, np.sin(turn + 0.7)))
+    assert (member.effect, member.variant.setting) == ("eccentricity", None)
 
 
 def test_amplitudes_of_one_change_share_the_margin(bench):
@@ -121,12 +124,6 @@ def test_amplitudes_of_one_change_share_the_margin(bench):
         assert shift[2].significant == (3 * p < 0.01)
         known.append(p)
     assert any(0.01 / 3 < p < 0.01 for p in known), known
-
-
-def test_an_eccentricity_of_one_order_keeps_its_form(bench):
-    turn = bench.circumstances.q[:, 2]
-    _, member = named(bench, turned(3, np.sin(turn + 0.7)))
-    assert (member.effect, member.variant.setting) == ("eccentricity", None)
 
 
 def test_a_stiffness_that_differs_between_the_flanks(bench):

@@ -289,22 +289,7 @@ def test_only_what_is_significant_is_told(found):
         "step of the base: shift 500.0(2.5) µm",
     ]
     assert named(each[1], gap).startswith("joint 3 has lost motion on reversal (backlash,")
-
-
-def test_entries_of_amplitudes_have_the_numbers_of_their_lines(found):
-    """In the units of their keys: gap.json beside the terminal."""
-    gap = SimpleNamespace(amplitudes=found[0].amplitudes, levels=(), verdict=SimpleNamespace(named=()))
-    said, entries = lines(gap), amplitude_records(gap)
-    assert len(said) == len(entries)
-    for text, a in zip(said, entries, strict=True):
-        assert f"{a['what']} {measured(a['value'], a['u'], a['unit'])}" in text
-        assert ("phase" in text) == (a["phase_deg"] is not None)
-        if "phase" in text:
-            assert f"phase {measured(a['phase_deg'], a['u_phase_deg'], 'deg')}" in text
-
-
-def test_every_joint_only_where_all_are_significant(found):
-    gap, each = found
+    # every joint only where all are significant
 
     def said(*joints):
         own = [replace(a, significant=a.site in map(joint, joints)) for a in gap.amplitudes]
@@ -324,6 +309,18 @@ def test_every_joint_only_where_all_are_significant(found):
         for a, name, rms in zip(own, explained, (1.0, 3.0, 2.0, 9.0, 9.0, 9.0), strict=True)
     ]
     assert [str(a.site) for a in stated(none, "backlash")] == ["joint 2"]  # the largest one of the effect
+
+
+def test_entries_of_amplitudes_have_the_numbers_of_their_lines(found):
+    """In the units of their keys: gap.json beside the terminal."""
+    gap = SimpleNamespace(amplitudes=found[0].amplitudes, levels=(), verdict=SimpleNamespace(named=()))
+    said, entries = lines(gap), amplitude_records(gap)
+    assert len(said) == len(entries)
+    for text, a in zip(said, entries, strict=True):
+        assert f"{a['what']} {measured(a['value'], a['u'], a['unit'])}" in text
+        assert ("phase" in text) == (a["phase_deg"] is not None)
+        if "phase" in text:
+            assert f"phase {measured(a['phase_deg'], a['u_phase_deg'], 'deg')}" in text
 
 
 # --- What prior probabilities and shares make of made-up linear problems: which set of effects leads.
@@ -527,24 +524,16 @@ def errors(sure, unsure):
     return replace(found, by_parameters=np.where(UNSURE, 20 * made_up_errors_NOISE, 0.0)[:, None])
 
 
-def test_nothing_is_said_of_errors_that_decrease():
+def test_what_is_said_of_errors_that_increase():
     assert not list(increased(errors(3.0, 20.0), errors(1.0, 20.0)))
-
-
-def test_errors_that_increase_where_they_are_less_probable():
+    # errors that increase where they are less probable
     (told,) = increased(errors(1.0, 1.0), errors(3.0, 1.0))
     assert told.endswith("describe the calibration rows only; do not use them")
-
-
-def test_errors_that_increase_in_rows_of_large_uncertainty_only():
-    """The RMS increases and so does the log density: no contradiction, and no reason to drop the effects."""
+    # The RMS increases and so does the log density: no contradiction, and no reason to drop the effects
     (told,) = increased(errors(3.0, 10.0), errors(1.0, 20.0))
     assert "but so does their log density" in told
     assert "do not use them" not in told
-
-
-def test_an_increase_within_its_uncertainty_is_no_reason_to_drop_the_effects():
-    """Errors of other rows by other amounts, in the sum a little larger."""
+    # Errors of other rows by other amounts, in the sum a little larger
     change = np.where(np.arange(60) % 2, 1.4, 0.7)
     more = replace(errors(1.0, 1.0), residual=errors(1.0, 1.0).residual * change)
     (told,) = increased(errors(1.0, 1.0), more)

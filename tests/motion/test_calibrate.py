@@ -60,7 +60,7 @@ def test_expected_errors_are_noise_and_what_uncertain_parameters_add(null_estima
     assert widths[0] / widths[1] == pytest.approx(np.full(3, np.sqrt(2.0)))
 
 
-def test_what_the_record_says_of_the_torque(result):
+def test_what_the_record_says_of_torque_and_parameters(result):
     """Its time in ms; and joints whose withheld error is beyond what is expected, alone."""
     fit = result.data
     assert fit.shift != 0.0
@@ -71,11 +71,7 @@ def test_what_the_record_says_of_the_torque(result):
     (text,) = fit_record(replace(fit, withheld=(large, *others)))["words"]
     assert "more error than is expected" in text
     assert f"({first.joint} {large.fitted:.3g} for {first.expected:.3g} N m)" in text
-
-
-def test_a_fit_that_predicts_worse_than_the_nominal_arm_says_so_first(result):
-    fit = result.data
-    first, *others = fit.withheld
+    # a fit that predicts worse than the nominal arm says so first
     record = fit_record(replace(fit, withheld=(replace(first, nominal=0.85 * first.fitted), *others)))
     (text,) = record["words"]
     assert text.startswith("the fit does not explain the torque of withheld motions: more error than the nom")
@@ -86,11 +82,7 @@ def test_a_fit_that_predicts_worse_than_the_nominal_arm_says_so_first(result):
     assert sum("does not explain" in line for line in shown) == 1
     close = fit_record(replace(fit, withheld=(replace(first, nominal=0.95 * first.fitted), *others)))
     assert close["words"] == []
-
-
-def test_a_parameter_far_from_its_prior_is_told(result):
-    """Its estimate is pulled by the prior. On either side of nominal, and no other parameter."""
-    fit = result.data
+    # Its estimate is pulled by the prior. On either side of nominal, and no other parameter
     assert not any("prior standard deviations" in text for text in result.record["warnings"])
     k = next(k for k, p in enumerate(fit.parameters) if p.name == "alignment")
     for sign in (1, -1):
@@ -168,6 +160,11 @@ def test_estimates_of_bodies_are_those_of_the_arm(result):
     flat = result.data.draws.reshape(-1, len(result.data.parameters))
     for p, mean in zip(result.data.parameters, flat.mean(axis=0), strict=True):
         assert p.estimate == pytest.approx(mean, abs=1e-9), p.name
+    # an arm is written and read back
+    again = written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), m.name)
+    for name in ("place", "axis", "mass", "centre", "inertia", "armature", "coulomb", "viscous"):
+        assert getattr(again, name) == pytest.approx(getattr(m, name), abs=1e-7), name
+    assert again.transition == pytest.approx(m.transition)
 
 
 def test_bodies_are_found_where_centres_of_mass_are_far_from_stated_ones(tmp_path, null_log):
@@ -242,35 +239,26 @@ def test_draws_of_an_estimate_beyond_the_set_forget_where_they_began(null_estima
     assert draws[..., j].std() == pytest.approx(np.sqrt(fit.covariance[j, j]), rel=0.15)
 
 
-def test_an_inertia_that_no_body_has_does_not_hold_the_fit_at_nominal(null_log, tmp_path):
-    """One moment is larger than the sum of the others, as in many a URDF; MuJoCo refuses it."""
+@pytest.mark.parametrize(
+    ("changes", "no_body"),
+    [
+        ({"[0.02, 0.1, 0.1, 0, 0, 0]": "[0.02, 0.1, 0.13, 0, 0, 0]"}, True),
+        ({"mass_kg: 4": "mass_kg: 0", "[0.03, 0.03, 0.02, 0, 0, 0]": "[0, 0, 0, 0, 0, 0]"}, False),
+    ],
+)
+def test_a_stated_link_that_is_no_body_does_not_hold_the_fit(null_log, tmp_path, changes, no_body):
+    """One moment larger than the sum of the others, as in many a URDF; two joints of one body."""
     folder = Path(shutil.copytree(null_log, tmp_path / "log"))
     text = (folder / "dataset.yaml").read_text()
-    assert "[0.02, 0.1, 0.1, 0, 0, 0]" in text
-    (folder / "dataset.yaml").write_text(
-        text.replace("[0.02, 0.1, 0.1, 0, 0, 0]", "[0.02, 0.1, 0.13, 0, 0, 0]")
-    )
+    for old, new in changes.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (folder / "dataset.yaml").write_text(text)
     fit = bc.fit(folder, samples=0)
-    assert any("no body has the inertia that is stated of B" in text for text in fit.warnings)
+    assert any("no body has the inertia that is stated of B" in text for text in fit.warnings) == no_body
+    assert any(name.endswith("of link 1") for name in fit.parameters.index) == no_body
     assert np.all(fit.withheld.rms_Nm[1:] < 0.5 * fit.withheld.nominal_rms_Nm[1:])
     assert fit.parameters.estimate["mass of link 2"] != pytest.approx(5.0, rel=1e-6)
-    fit.save(tmp_path / "run")
-    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
-    assert bc.verify(tmp_path / "run", file).passed
-
-
-def test_a_link_without_mass_has_no_parameters(null_log, tmp_path):
-    """Two joints of one body: the link between them carries nothing, and the others are fitted."""
-    folder = Path(shutil.copytree(null_log, tmp_path / "log"))
-    text = (folder / "dataset.yaml").read_text()
-    empty = text.replace("mass_kg: 4", "mass_kg: 0").replace(
-        "[0.03, 0.03, 0.02, 0, 0, 0]", "[0, 0, 0, 0, 0, 0]"
-    )
-    assert empty.count("mass_kg: 0") == 1
-    (folder / "dataset.yaml").write_text(empty)
-    fit = bc.fit(folder, samples=0)
-    assert not any(name.endswith("of link 1") for name in fit.parameters.index)
-    assert np.all(fit.withheld.rms_Nm[1:] < 0.5 * fit.withheld.nominal_rms_Nm[1:])
     fit.save(tmp_path / "run")
     file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
     assert bc.verify(tmp_path / "run", file).passed
@@ -296,14 +284,6 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass():
     ten = sum(inertial(0.5, x, np.zeros((3, 3))) for x in points)
     wide = np.column_stack([points, np.ones(9)])
     assert pseudo_inertia(ten) == pytest.approx(0.5 * wide.T @ wide)
-
-
-def test_an_arm_is_written_and_read_back(result):
-    m = result.data.mechanism
-    again = written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), m.name)
-    for name in ("place", "axis", "mass", "centre", "inertia", "armature", "coulomb", "viscous"):
-        assert getattr(again, name) == pytest.approx(getattr(m, name), abs=1e-7), name
-    assert again.transition == pytest.approx(m.transition)
 
 
 def test_a_run_folder_is_read_back(result, tmp_path):

@@ -30,6 +30,8 @@ def test_torques_are_those_of_mujoco(null_log):
     gravity = np.array([1.0, -2.0, -9.0])
     torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, gravity), m.inertials)
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq, gravity), abs=1e-10)
+    # a payload is a body of its mass
+    assert payload_of(m) == pytest.approx(inertial(1.0, m.payload_centre, 0.03**2 * np.eye(3)))
 
 
 def test_a_robot_of_dh_rows_is_the_same_arm():
@@ -126,11 +128,6 @@ def test_a_reading_of_the_opposite_sense_turns_about_the_reversed_axis(name):
     gravity = np.array([1.0, 2.0, -9.81])
     torques = [np.einsum("njkp,kp->nj", regressor(x, q, dq, ddq, gravity), x.inertials) for x in (m, plain)]
     assert torques[0] == pytest.approx(torques[1], abs=1e-10)
-
-
-def test_a_payload_is_a_body_of_its_mass(null_log):
-    m = read_log(null_log).mechanism
-    assert payload_of(m) == pytest.approx(inertial(1.0, m.payload_centre, 0.03**2 * np.eye(3)))
 
 
 def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts):

@@ -119,6 +119,9 @@ def test_the_approach_is_straight_along_the_normal(candidate_pool):
     half = 0.5 * (candidate_pool.approach + candidate_pool.session.measurements.readings)
     middle = arm.ball(arm.frames(half)) - Scene(candidate_pool.session).points
     assert np.linalg.norm(middle - 0.5 * off, axis=1).max() < 0.1 * RETRACT  # joints move evenly
+    # The wrist of the arm reaches most contacts with J5 of either sign
+    wrist = arm.angles_of(candidate_pool.session.measurements.readings)[candidate_pool.candidates, 4]
+    assert 0.2 < np.mean(wrist > 0) < 0.8
 
 
 def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(candidate_pool):
@@ -128,6 +131,11 @@ def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(ca
     assert np.abs(m.velocity).max() <= FASTEST + 1e-9
     share = (m.velocity[candidate_pool.candidates] > 0).mean(axis=0)
     assert np.all((share > 0.1) & (share < 0.9)), share
+    # times are not along anything
+    own = m.time[candidate_pool.candidates]
+    assert np.all(np.diff(np.sort(m.time)) > 0)
+    for column in (*m.readings.T, m.target, m.payload):
+        assert abs(np.corrcoef(own, column[candidate_pool.candidates])[0, 1]) < 0.2
 
 
 def test_nothing_collides_at_contact_and_approach(candidate_pool, setup):
@@ -145,13 +153,6 @@ def test_half_of_the_candidates_carry_the_payload(candidate_pool):
     assert set(payload) == {0.0, KG}
     assert 0.4 < np.mean(payload[candidate_pool.candidates] > 0) < 0.6
     assert np.all(payload[candidate_pool.validation] == 0)
-
-
-def test_several_branches_of_the_arm_are_found(candidate_pool):
-    """The wrist of the arm reaches most contacts with J5 of either sign."""
-    arm = NominalArm(candidate_pool.session.robot, candidate_pool.session.tools[0].centre)
-    wrist = arm.angles_of(candidate_pool.session.measurements.readings)[candidate_pool.candidates, 4]
-    assert 0.2 < np.mean(wrist > 0) < 0.8
 
 
 def test_a_sphere_is_located_in_one_configuration(candidate_pool, setup):
@@ -175,14 +176,6 @@ def test_the_seed_decides(setup):
     assert np.array_equal(readings[0], readings[1])
     assert first.dropped == again.dropped
     assert readings[0].shape != readings[2].shape or not np.allclose(readings[0], readings[2])
-
-
-def test_times_are_not_along_anything(candidate_pool):
-    m = candidate_pool.session.measurements
-    own = m.time[candidate_pool.candidates]
-    assert np.all(np.diff(np.sort(m.time)) > 0)
-    for column in (*m.readings.T, m.target, m.payload):
-        assert abs(np.corrcoef(own, column[candidate_pool.candidates])[0, 1]) < 0.2
 
 
 def test_what_is_dropped_is_counted(candidate_pool):
@@ -443,22 +436,22 @@ def test_distances_of_the_region_follow_from_the_tool_points():
     assert np.allclose(goal.slopes[:, found.model.slices[ARM]] @ z, moved, atol=0.01 * np.abs(moved).max())
 
 
-def test_distances_of_the_region_are_at_rest_and_without_payload():
+def test_goals_of_a_pool():
     d = pool().session
     m = d.measurements
     loaded = with_columns(d, payload=np.full(len(m.ids), 2.0), velocity=np.full(m.readings.shape, 0.1))
     rows = _at(linearised(pool_of(loaded), MODEL).model, m.readings[:5]).scene.dataset.measurements
     assert not rows.payload[-5:].any()
     assert not rows.velocity[-5:].any()
-
-
-def test_fitted_spheres_are_no_goal_where_the_fit_uses_the_distance():
-    d = pool().session
-    m = d.measurements
+    # fitted spheres are no goal where the fit uses the distance
     fitted = with_columns(d, role=np.full(len(m.role), "calibrate"))
     found = linearised(pool_of(fitted), MODEL)
     assert certified(found) is None
     assert [g.over for g in goals(pool_of(fitted), found)] == [REGION]
+    # a certificate of uncertain value counts
+    wide = tuple(replace(c, u_distance=1e-5) if c.kind == "distance" else c for c in d.certificates)
+    goal = certified(linearised(pool_of(replace(d, certificates=wide)), MODEL))
+    assert np.sqrt(goal.fixed_variance) > 1e-5
 
 
 def test_mixed_ends_and_certificates_without_rows():
@@ -500,10 +493,3 @@ def test_given_poses():
     assert len(found[2].slopes) == 3
     with pytest.raises(BayescalError, match="two positions"):
         goals(replace(p, setup=replace(p.setup, poses=readings[[0, 0]])), linear())
-
-
-def test_a_certificate_of_uncertain_value_counts():
-    d = pool().session
-    wide = tuple(replace(c, u_distance=1e-5) if c.kind == "distance" else c for c in d.certificates)
-    goal = certified(linearised(pool_of(replace(d, certificates=wide)), MODEL))
-    assert np.sqrt(goal.fixed_variance) > 1e-5

@@ -102,9 +102,14 @@ def test_updates_equal_a_new_factorisation(of_mixed, monkeypatch):
     assert len(s.chosen) == len(set(s.chosen)) == 110
 
 
-def test_growing_by_the_i_criterion_from_nothing_fails():
+def test_chosen_contacts_are_better_than_others():
     found = linear()
     of = goals(pool(), found)
+    chosen = select(found, of, 60, np.random.default_rng(0), starts=1)
+    for each in of:
+        some = [np.random.default_rng(k).permutation(found.count)[:120] for k in range(9)]
+        assert u(found, each, chosen) < np.median([u(found, each, c) for c in some])
+    # growing by the i criterion from nothing fails
     root = root_of(of, found.covariance(np.arange(100)))
     blind = Selection(found, [], root)
     grow(blind, 60, Selection.gains)
@@ -112,21 +117,23 @@ def test_growing_by_the_i_criterion_from_nothing_fails():
     certified, region = of
     assert u(found, region, blind.chosen) > 2 * u(found, region, chosen)
     assert u(found, certified, blind.chosen) > 1.3 * u(found, certified, chosen)
-
-
-def test_sixty_chosen_contacts_are_better_than_twice_as_many_random_ones():
-    found = linear()
-    of = goals(pool(), found)
+    # all goals become more accurate than with the largest determinant
+    start = Selection(found, [], np.zeros((len(found.z), 0)))
+    grow(start, 60, Selection.determinants)
     chosen = select(found, of, 60, np.random.default_rng(0), starts=1)
-    for each in of:
-        some = [np.random.default_rng(k).permutation(found.count)[:120] for k in range(9)]
-        assert u(found, each, chosen) < np.median([u(found, each, c) for c in some])
+    ratios = [u(found, each, chosen) / u(found, each, start.chosen) for each in of]
+    assert max(ratios) < 0.95
+    assert max(ratios) / min(ratios) < 1.25
 
 
 def test_all_candidates_can_be_chosen():
     found, of = toy(30), goal()
     assert len(set(select(found, [of], 12, np.random.default_rng(0)))) == 12
     assert len(select(found, [of], 30, np.random.default_rng(0))) == 30
+    # dropping ends at the count
+    s = Selection(found, range(30), root_of([of], found.covariance(range(30))))
+    shrink(s, 5)
+    assert len(s.chosen) == 5
 
 
 def test_order_of_candidates_and_unit_of_the_goals_do_not_matter():
@@ -139,24 +146,6 @@ def test_order_of_candidates_and_unit_of_the_goals_do_not_matter():
     scaled = [replace(g, slopes=1e3 * g.slopes) for g in (of, goal(seed=4))]
     same = select(found, scaled, 10, np.random.default_rng(0), starts=4)
     assert u(found, of, same) == pytest.approx(base, rel=1e-9)
-
-
-def test_dropping_ends_at_the_count():
-    found, of = toy(30), goal()
-    s = Selection(found, range(30), root_of([of], found.covariance(range(30))))
-    shrink(s, 5)
-    assert len(s.chosen) == 5
-
-
-def test_all_goals_become_more_accurate_than_with_the_largest_determinant():
-    found = linear()
-    of = goals(pool(), found)
-    start = Selection(found, [], np.zeros((len(found.z), 0)))
-    grow(start, 60, Selection.determinants)
-    chosen = select(found, of, 60, np.random.default_rng(0), starts=1)
-    ratios = [u(found, each, chosen) / u(found, each, start.chosen) for each in of]
-    assert max(ratios) < 0.95
-    assert max(ratios) / min(ratios) < 1.25
 
 
 # --- Information of candidate contacts against fits of the chosen rows alone, and matrices with known values.
@@ -334,7 +323,7 @@ def test_every_row_is_visited_once_and_the_seed_decides(order):
     assert np.array_equal(put(pool, rows, order), put(pool, rows, order))
 
 
-def test_sweeps_visit_all_targets_and_change_the_payload_once():
+def test_sweeps_visit_all_targets_change_the_payload_once_and_keep_repeats_apart():
     pool = made_up()
     m = pool.session.measurements
     got = put(pool, np.arange(240), "sweeps")
@@ -346,6 +335,13 @@ def test_sweeps_visit_all_targets_and_change_the_payload_once():
         assert np.ptp(counts) <= 3
         assert changes(m.payload[quarter]) <= 2  # quarters by number are not the sweeps to the contact
     assert changes(m.payload[fitted]) == orders.COUNT
+    # repeats are apart
+    fitted = np.flatnonzero(m.role == "calibrate")
+    rows = np.concatenate([fitted, fitted[:10], fitted[:5]])
+    got = put(pool, rows, "sweeps")
+    for k, row in enumerate(fitted[:10]):
+        at = np.flatnonzero(got == row)
+        assert np.diff(at).min() > (2 if k < 5 else len(got) / 8)
 
 
 def test_a_drift_is_not_along_the_targets():
@@ -382,9 +378,7 @@ def test_a_target_that_stays_validates_in_both():
     checked = np.flatnonzero(m.role[got] == "validate")
     assert changes(np.diff(checked) > 1) == 2  # two blocks
     assert checked[-1] == len(got) - 1
-
-
-def test_placements_that_are_calibrated_on_are_not_mixed():
+    # placements that are calibrated on are not mixed
     pool = made_up(targets=("ball.A@1", "ball.B@1", "ball.A@2", "ball.B@2"))
     m = pool.session.measurements
     m.role[:] = "calibrate"
@@ -393,17 +387,6 @@ def test_placements_that_are_calibrated_on_are_not_mixed():
     assert changes(placement) == 1
     halves = np.array_split(m.target[got][placement == 0], 2)
     assert all(len(set(half)) == 2 for half in halves)  # two sweeps over its spheres
-
-
-def test_repeats_are_apart():
-    pool = made_up()
-    m = pool.session.measurements
-    fitted = np.flatnonzero(m.role == "calibrate")
-    rows = np.concatenate([fitted, fitted[:10], fitted[:5]])
-    got = put(pool, rows, "sweeps")
-    for k, row in enumerate(fitted[:10]):
-        at = np.flatnonzero(got == row)
-        assert np.diff(at).min() > (2 if k < 5 else len(got) / 8)
 
 
 def test_the_path_is_short():

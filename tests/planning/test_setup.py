@@ -59,6 +59,9 @@ def test_regions_of_the_cube_are_its_faces():
         assert np.allclose(region.half @ normal, 0)
         assert np.allclose(np.linalg.norm(region.half, axis=1), (1 - 2 * EDGE) * HALF, atol=1e-9)
         assert abs(region.half[0] @ region.half[1]) < 1e-12
+    # rows of a setup are ignored with a note
+    assert "745 rows" in setup.notes[0]
+    assert "--after" in setup.notes[0]
 
 
 def test_contacts_of_the_example_lie_in_their_regions(example):
@@ -72,12 +75,6 @@ def test_contacts_of_the_example_lie_in_their_regions(example):
         place = away @ region.half.T / np.sum(region.half**2, axis=1)
         assert np.abs(place).max() < 1.02  # the cube was out of place by some mm
         assert np.ptp(place, axis=0).min() > 1.5
-
-
-def test_rows_of_a_setup_are_ignored_with_a_note():
-    setup = read_setup(EXAMPLE)
-    assert "745 rows" in setup.notes[0]
-    assert "--after" in setup.notes[0]
 
 
 def test_spheres_of_certified_distances_validate(example):

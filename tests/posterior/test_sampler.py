@@ -328,7 +328,7 @@ def test_models_are_compared(records):
     assert list(table.index) == ["compliance", "geometry"]
 
 
-def test_log_likelihood_is_the_normals(records):
+def test_groups_of_a_record_are_those_of_the_model(records):
     """Of the noise that was drawn: its mean over the rows follows from the residuals' own."""
     data = records["compliance"]
     log_likelihood = np.asarray(data["log_likelihood"]["residual_um"])
@@ -337,26 +337,16 @@ def test_log_likelihood_is_the_normals(records):
     # a fit to n rows by p parameters leaves about n - p of its chi-squared, a draw about n
     expected = -0.5 * np.log(2 * np.pi) - np.log(sigma) - 0.5
     assert log_likelihood.mean() == pytest.approx(expected.mean(), abs=0.1)
-
-
-def test_replicated_data_scatter_as_the_data(records):
-    """Residuals at the estimate of data that the posterior draws anew: as large as the data's, or larger."""
-    data = records["compliance"]
+    # Residuals at the estimate of data that the posterior draws anew: as large as the data's, or larger
     observed = np.asarray(data["observed_data"]["residual_um"]).std()
     replicated = np.asarray(data["posterior_predictive"]["residual_um"]).std()
     assert observed < replicated < 1.5 * observed
-
-
-def test_prior_is_as_wide_as_stated(records):
-    data = records["compliance"]
+    # prior is as wide as stated
     a2 = np.asarray(data["prior"]["a2"])
     assert a2.mean() == pytest.approx(300.0, abs=0.03)
     assert a2.std() == pytest.approx(0.3, rel=0.06)
     assert np.asarray(data["prior"]["noise_scale"]).mean() == pytest.approx(1.108, abs=0.04)
-
-
-def test_every_observed_variable_has_its_predictions(records):
-    data = records["compliance"]
+    # every observed variable has its predictions
     assert set(data["observed_data"].data_vars) <= set(data["posterior_predictive"].data_vars)
 
 

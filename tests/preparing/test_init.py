@@ -75,9 +75,24 @@ def test_the_record_is_there_as_comments(every, tmp_path):
     found, _, _ = read_settings(tmp_path / SETTINGS)
     assert set(found.record.serials) == {"arm", "probe", "artefact", "instrument"}
     assert (found.record.date, found.record.temperature) == ("2026-01-31", 20.0)
+    # a single mark is enough to refuse
+    text = text.replace("u_form_mm: &flat-uform 0.003", f"u_form_mm: {FILL_IN} 0.003")
+    text = text.replace("u_form_mm: *flat-uform ", "u_form_mm: 0.003")
+    text = re.sub(r"(&flat\S+) 0.003", rf"\1 {FILL_IN} 0.003", text)
+    (tmp_path / SETTINGS).write_text(text)
+    with pytest.raises(BayescalError, match="`u_form_mm` is not filled in"):
+        read_settings(tmp_path / SETTINGS)
+    # a value is filled in once for all placements
+    text = filled((every / SETTINGS).read_text())
+    changed = re.sub(r"(distance_mm: &distance-A-B) [\d.]+", r"\1 123.5", text)
+    assert changed != text
+    (tmp_path / SETTINGS).write_text(changed)
+    certificates = read_settings(tmp_path / SETTINGS)[0].certificates
+    lengths = [c.distance for c in certificates if c.targets[0] == "ball.A@3"]
+    assert lengths[1] == pytest.approx(0.1235)
 
 
-def test_every_certified_value_and_every_value_of_the_tool_is_marked(every):
+def test_every_certified_value_and_every_value_of_the_tool_is_marked(every, tmp_path):
     found, _, _ = read_settings(every / SETTINGS, assume=True)
     marked = {(path[0], path[-1]) for path in found.unfilled}
     tools = {("tools", k) for k in ("centre_mm", "ball_radius_mm", "mass_kg", "centre_of_mass_mm")}
@@ -88,6 +103,12 @@ def test_every_certified_value_and_every_value_of_the_tool_is_marked(every):
     assert marked == tools | of_targets | certified | noise
     stated = sum(k.u_distance is not None for k in found.certificates if k.kind == "distance")
     assert sum(path[-1] == "distance_mm" for path in found.unfilled) == stated + 1  # and that of the cube
+    # The run folder of a plan holds the set-up: what was assumed for the plan is not stated there
+    write_setup(found, tmp_path)
+    again, _, _ = read_settings(tmp_path / SETTINGS, assume=True)
+    assert set(again.unfilled) == set(found.unfilled)
+    with pytest.raises(BayescalError, match="not filled in"):
+        read_settings(tmp_path / SETTINGS)
 
 
 def test_refused_in_one_line_until_filled_in(every):
@@ -99,40 +120,10 @@ def test_refused_in_one_line_until_filled_in(every):
     assert "\n" not in str(caught.value)
 
 
-def test_a_single_mark_is_enough_to_refuse(every, tmp_path):
-    text = filled((every / SETTINGS).read_text())
-    text = text.replace("u_form_mm: &flat-uform 0.003", f"u_form_mm: {FILL_IN} 0.003")
-    text = text.replace("u_form_mm: *flat-uform ", "u_form_mm: 0.003")
-    text = re.sub(r"(&flat\S+) 0.003", rf"\1 {FILL_IN} 0.003", text)
-    (tmp_path / SETTINGS).write_text(text)
-    with pytest.raises(BayescalError, match="`u_form_mm` is not filled in"):
-        read_settings(tmp_path / SETTINGS)
-
-
-def test_a_value_is_filled_in_once_for_all_placements(every, tmp_path):
-    text = filled((every / SETTINGS).read_text())
-    changed = re.sub(r"(distance_mm: &distance-A-B) [\d.]+", r"\1 123.5", text)
-    assert changed != text
-    (tmp_path / SETTINGS).write_text(changed)
-    certificates = read_settings(tmp_path / SETTINGS)[0].certificates
-    lengths = [c.distance for c in certificates if c.targets[0] == "ball.A@3"]
-    assert lengths[1] == pytest.approx(0.1235)
-
-
 def test_plan_assumes_the_examples_and_says_so(every):
     setup = read_setup(every)
     assert any("only assumed: tools.centre_mm (2)" in note for note in setup.notes)
     assert {"cube.+z", "seat.A", "bar@2", "plate@3", "ball.C@4"} <= set(setup.regions)
-
-
-def test_what_is_only_assumed_stays_marked_in_a_copy(every, tmp_path):
-    """The run folder of a plan holds the set-up: what was assumed for the plan is not stated there."""
-    found, _, _ = read_settings(every / SETTINGS, assume=True)
-    write_setup(found, tmp_path)
-    again, _, _ = read_settings(tmp_path / SETTINGS, assume=True)
-    assert set(again.unfilled) == set(found.unfilled)
-    with pytest.raises(BayescalError, match="not filled in"):
-        read_settings(tmp_path / SETTINGS)
 
 
 @pytest.mark.parametrize(

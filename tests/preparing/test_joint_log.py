@@ -394,15 +394,12 @@ def test_the_command_prints_both_forms(good):
 
 
 @pytest.mark.parametrize("count", [8, 60])
-def test_the_u_of_a_median_is_its_scatter(count):
+def test_the_u_of_a_median_and_of_a_weighted_mean_is_its_scatter(count):
     rng = np.random.default_rng(count)
     found = np.array([joint_facts.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
     pulls = (found[:, 0] - 3.0) / found[:, 1]
     assert np.sqrt(np.median(pulls**2)) / 0.6745 == pytest.approx(1.0, abs=0.3)
-
-
-@pytest.mark.parametrize("count", [8, 60])
-def test_the_u_of_a_weighted_mean_is_its_scatter(count):
+    # the u of a weighted mean is its scatter
     rng = np.random.default_rng(count)
     weight = rng.uniform(0.5, 2.0, count)
     found = np.array([weighted_mean(3.0 + rng.normal(0, weight**-0.5), weight) for _ in range(300)])

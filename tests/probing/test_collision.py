@@ -382,10 +382,7 @@ def test_the_tool_ends_in_a_thin_stylus():
     reflector = Tool("reflector", np.array([0.0, 0.0, 0.1]))
     assert [c.probe for c in arm_capsules(robot, reflector) if c.frame == robot.n + 1] == [False]
     assert not [c for c in arm_capsules(robot, Tool("flange", np.zeros(3))) if c.frame == robot.n + 1]
-
-
-def test_a_column_below_the_base():
-    robot, _ = load_robot("fanuc-lrmate200ic")
+    # a column below the base
     foot = arm_capsules(robot, PROBE, stand=0.33)[0]
     assert foot.frame == 0
     assert np.allclose(foot.a, [0, 0, -0.33])

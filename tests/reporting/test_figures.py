@@ -361,13 +361,20 @@ def test_the_band_of_a_prior_is_two_of_its_standard_deviations(fit):
     assert any("± 2 standard deviations" in t.get_text() for t in texts(draw("parameters", fit)))
 
 
-def test_the_prior_of_a_posterior_is_its_density(result):
+def test_a_posterior_and_its_prior_are_those_of_the_draws(result, tmp_path):
     name = weakest(result.record)[0]
     (p,) = (p for p in result.record["parameters"] if p["name"] == name)
     axes = bc.plot.posterior(result, [name]).axes[0]
     (prior,) = (line for line in axes.lines if line.get_linestyle() == "--")
     x, y = prior.get_data()
     np.testing.assert_allclose(y, norm.pdf(x, p["prior_mean"], p["prior_sd"]))
+    # a posterior is that of the draws
+    (polygon,) = axes.patches
+    draws = result.inference_data().posterior[name.replace(" ", "_")].values.ravel()
+    expected, at = np.histogram(draws, BINS, density=True)
+    edges, heights = polygon.get_xy()[: 2 * BINS + 2].T  # of its upper side: two vertices at each edge
+    assert edges == pytest.approx(np.repeat(at, 2))
+    assert heights == pytest.approx([0.0, *np.repeat(expected, 2), 0.0], rel=1e-6)
 
 
 def lightness(colour):
@@ -443,17 +450,6 @@ def test_a_saved_run_draws_the_same_pictures(result, kept, tmp_path):
     assert png(bc.plot.posterior(saved)) == (tmp_path / "run" / "fit-posterior.png").read_bytes()
     result.save(tmp_path / "run", pictures=False)
     assert not list((tmp_path / "run").glob("*.png"))
-
-
-def test_a_posterior_is_that_of_the_draws(result, tmp_path):
-    name = weakest(result.record)[0]
-    axes = bc.plot.posterior(result, [name]).axes[0]
-    (polygon,) = axes.patches
-    draws = result.inference_data().posterior[name.replace(" ", "_")].values.ravel()
-    expected, at = np.histogram(draws, BINS, density=True)
-    edges, heights = polygon.get_xy()[: 2 * BINS + 2].T  # of its upper side: two vertices at each edge
-    assert edges == pytest.approx(np.repeat(at, 2))
-    assert heights == pytest.approx([0.0, *np.repeat(expected, 2), 0.0], rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["trace", "rank", "pair", "autocorrelation"])

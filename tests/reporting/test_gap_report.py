@@ -110,21 +110,30 @@ def test_record_keeps_the_contract(session, kind):
     assert record["marked"] == (None if kind == "null" else "joint 3")
 
 
-def test_errors_of_images_are_told_and_not_explained(session):
+def test_a_null_does_not_explain_what_is_told_as_an_error(session):
     gap = diagnosis(session, "null")
     assert headline(gap)[0].endswith("the model explains these data")
     scattered = replace(gap, scatter=SimpleNamespace(words="every image has an error of its own"))
     first, said, *_ = headline(scattered)
     assert "explains" not in first
     assert scattered.scatter.words in said
+    # Fit: "model does not explain the machine"; gap: "the model explains these data"
+    noisy = replace(session, noise=replace(session.noise, contact=0.1 * session.noise.contact))
+    words = headline(replace(gap, calibrated=calibrated(Scene(noisy), ("geometry",))))
+    assert words[0] == "No effect found"
+    assert words[1].startswith("But the fit leaves residuals of ")
 
 
-def test_only_a_significant_site_is_marked(session):
+def test_only_a_significant_site_is_marked_and_stated(session):
     """No site is marked where no location is significant, whatever the verdict."""
     gap = diagnosis(session, "unknown")
     assert gap_record(gap)["marked"] == "joint 3"
     unclear = tuple(replace(w, family_p_value=0.2) for w in gap.where)
     assert gap_record(replace(gap, where=unclear))["marked"] is None
+    # no location is stated that is not significant
+    (clear,) = (line for line in headline(gap) if "at joint 3, direction" in line)
+    unclear = replace(gap, where=tuple(replace(w, family_p_value=0.2) for w in gap.where))
+    assert clear.replace("joint 3, direction of motion of J3", "no single location") in headline(unclear)
 
 
 HEADLINES = {
@@ -186,16 +195,7 @@ def test_an_effect_that_is_found_is_not_ambiguous(session):
     assert not any("possibly backlash" in one for one in shown)
 
 
-def test_residuals_that_a_fit_calls_unexplained_are_no_noise(session):
-    """Fit: "model does not explain the machine"; gap: "the model explains these data"."""
-    gap = diagnosis(session, "null")
-    noisy = replace(session, noise=replace(session.noise, contact=0.1 * session.noise.contact))
-    words = headline(replace(gap, calibrated=calibrated(Scene(noisy), ("geometry",))))
-    assert words[0] == "No effect found"
-    assert words[1].startswith("But the fit leaves residuals of ")
-
-
-def test_a_null_that_is_not_the_likeliest_is_undecided_where_errors_are_large_too(session):
+def test_a_null_that_is_not_the_likeliest_is_undecided(session):
     gap = diagnosis(session, "null")
     size = replace(gap.magnitude.measured[0], rms=1e-4)
     verdict = replace(gap.verdict, probability={"null": 0.2, "unknown": 0.3})
@@ -203,23 +203,13 @@ def test_a_null_that_is_not_the_likeliest_is_undecided_where_errors_are_large_to
     (words, *_) = headline(replace(gap, verdict=verdict, magnitude=magnitude))
     assert words.startswith("Undecided: noise only has probability 0.20")
     assert words.endswith("errors of validation contacts are larger than the model predicts")
-
-
-def test_a_null_that_another_hypothesis_exceeds_is_undecided(session):
-    gap = diagnosis(session, "null")
+    # a null that another hypothesis exceeds is undecided
     verdict = replace(gap.verdict, probability=dict(gap.verdict.probability) | {"null": 0.22, "unknown": 0.3})
     undecided = replace(gap, verdict=verdict)
     assert (
         headline(undecided)[0] == "Undecided: noise only has probability 0.22, and no effect is established"
     )
     assert verdict_of(gap_record(undecided))[2] == "Undecided"
-
-
-def test_no_location_is_stated_that_is_not_significant(session):
-    gap = diagnosis(session, "unknown")
-    (clear,) = (line for line in headline(gap) if "at joint 3, direction" in line)
-    unclear = replace(gap, where=tuple(replace(w, family_p_value=0.2) for w in gap.where))
-    assert clear.replace("joint 3, direction of motion of J3", "no single location") in headline(unclear)
 
 
 @pytest.mark.parametrize("kind", VERDICTS)
@@ -238,15 +228,13 @@ def test_summary_is_one_screen_that_names_the_verdict(session, kind):
         assert "96 %" in text
 
 
-def test_shares_of_locations_are_in_percent(session):
+def test_summary_of_empty_tables_and_shares_in_percent(session):
+    gap = replace(bare(session), verdict=diagnosis(session, "unknown").verdict)
+    assert "at no single location" in printed(gap)
+    # shares of locations are in percent
     lines = printed(diagnosis(session, "named")).splitlines()
     for words, share in (("direction of motion of J3", "70 %"), ("joint 1", "10 %")):
         assert any(words in line and f" {share} " in line for line in lines), words
-
-
-def test_summary_of_empty_tables(session):
-    gap = replace(bare(session), verdict=diagnosis(session, "unknown").verdict)
-    assert "at no single location" in printed(gap)
 
 
 CASES = {
@@ -389,17 +377,14 @@ def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_ses
     assert "another tool" in place["remedy"]
 
 
-def test_an_effect_that_may_be_missed_is_not_listed_as_not_assessed_too(session):
+def test_nothing_is_listed_that_validation_does_not_show(session):
     gap = diagnosis(session, "named")
     spot = gap.blind_spots[0].effect
     missing = {spot: "not detectable", "latency": "not detectable"}
     text = " ".join(printed(replace(gap, verdict=replace(gap.verdict, missing=missing))).split())
     assert "latency: not detectable" in text
     assert text.count(f"{spot},") == 1
-
-
-def test_no_share_of_an_excess_that_validation_does_not_show(session):
-    gap = diagnosis(session, "named")
+    # no share of an excess that validation does not show
     assert gap_record(gap)["where"][0]["share"] is not None
     none = replace(gap, magnitude=replace(gap.magnitude, excess=0.0))
     assert {w["share"] for w in gap_record(none)["where"]} == {None}
@@ -546,11 +531,15 @@ def test_a_location_is_listed_once_and_its_share_only_where_it_is_significant(se
     assert [sheet.columns[2].value(w) is None for w in sheet.items] == [False, True]
 
 
-def test_advice_beside_names_is_of_a_further_effect(session):
+def test_advice_and_reductions_beside_names(session):
     pair = ["noise only", "second-harmonic"]
     named, null = (gap_record(diagnosis(session, kind)) for kind in ("named", "null"))
     assert pair_of(named, pair) == ["no further effect", "second-harmonic"]
     assert pair_of(null, pair) == pair
+    # kinds and shares of a reduction
+    assert [s["what"] for s in improved(gap_record(diagnosis(session, "named")))] == ["contacts", "distances"]
+    assert reduction(1.0, (0.996, 1.0), True) == ("> 99 %", "> 99 %")
+    assert reduction(0.8, (0.4, 1.0), True) == ("80 %", "40 to 100 %")
 
 
 @pytest.mark.parametrize(("after", "advised"), [(31.0, True), (60.0, False)])
@@ -570,12 +559,6 @@ def test_a_model_is_used_as_it_is_only_without_a_significant_excess(session, low
     said = run_page(Run("gap", record, "runs/x"))
     assert ("Calibrate with the model as it is" in said) == advised
     assert ("Find what makes errors larger than the noise" in said) != advised
-
-
-def test_kinds_and_shares_of_a_reduction(session):
-    assert [s["what"] for s in improved(gap_record(diagnosis(session, "named")))] == ["contacts", "distances"]
-    assert reduction(1.0, (0.996, 1.0), True) == ("> 99 %", "> 99 %")
-    assert reduction(0.8, (0.4, 1.0), True) == ("80 %", "40 to 100 %")
 
 
 @pytest.mark.parametrize("low", [-0.2, 0.4])

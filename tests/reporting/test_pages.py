@@ -45,7 +45,9 @@ def found(cube):
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=2, seed=1)
+    session = bc.simulate(
+        effects="geometry", contacts=60, later=8, repeats=5, spheres=2, placements=1, seed=1
+    )
     folder = tmp_path_factory.mktemp("runs") / "fit"
     names = bc.fit(session, "geometry", samples=0).save(folder)
     return folder, names
@@ -155,12 +157,6 @@ def test_an_arm_is_not_said_to_be_marked_at_a_face(found):
     assert "Marked: joint 3" in words(run_page(Run("gap", record | {"marked": "joint 3"}, "runs/x")))
 
 
-def test_notes_of_parameters_keep_the_case_of_u(saved):
-    """'u includes ...' became 'U includes ...', which is the expanded uncertainty."""
-    page = (saved[0] / "report.html").read_text(encoding="utf-8")
-    assert "value(u): standard uncertainty u in units of the last digits; band: prior" in page
-
-
 def test_without_plotly_a_page_has_still_figures_and_no_scripts(found, monkeypatch):
     run = Run("gap", record_of(found, "named"), "runs/x")
     assert STILL not in words(run_page(run))
@@ -239,21 +235,20 @@ def test_the_error_of_contacts_is_that_of_all_contacts_whatever_their_face(saved
     assert "40 validation contacts" in text
 
 
-def test_figures_that_the_page_does_not_draw_are_embedded(saved):
+def test_the_page_of_a_fit_embeds_its_figures_and_loads_nothing(saved):
     page = (saved[0] / "report.html").read_text(encoding="utf-8")
     pictures = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="[^"]{20,}">', page)
     files = [saved[0] / f"fit-{name}.png" for name in ("distances", "posterior")]
     assert list(map(base64.b64decode, pictures)) == [file.read_bytes() for file in files]
-
-
-def test_the_page_has_a_policy_and_loads_nothing(saved):
-    page = (saved[0] / "report.html").read_text(encoding="utf-8")
+    # the page has a policy and loads nothing
     assert "default-src 'none'" in html.unescape(page)
     assert "unsafe-inline'; script-src 'sha256-" in html.unescape(page)
     bare = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", bare)
     assert "@import" not in page
     assert "url(" not in bare
+    # 'u includes ...' became 'U includes ...', which is the expanded uncertainty
+    assert "value(u): standard uncertainty u in units of the last digits; band: prior" in page
 
 
 def renamed(record: dict) -> dict:
@@ -374,9 +369,9 @@ def test_lengths_of_errors_have_an_axis_from_zero_with_room_for_its_ticks(found)
 def runs(tmp_path_factory):
     """Two fits, of two sessions of one arm."""
     folder = tmp_path_factory.mktemp("runs")
-    options = {"effects": "geometry", "contacts": 60, "later": 8, "repeats": 5, "spheres": 2, "arm_seed": 1}
+    options = {"contacts": 60, "later": 8, "repeats": 5, "spheres": 2, "placements": 1, "arm_seed": 1}
     for seed in (1, 2):
-        session = bc.simulate(seed=seed, **options)
+        session = bc.simulate(effects="geometry", seed=seed, **options)
         bc.fit(session, "geometry", samples=0).save(folder / f"run{seed}", pictures=False)
     return folder
 

@@ -37,7 +37,7 @@ def test_a_larger_arm_has_a_larger_cube():
     assert Room.of(load_robot("mecademic-meca500")[0]).cube.edge == 0.2286
 
 
-def test_flange(pair):
+def test_flange_gravity_and_inertia(pair):
     robot, model, data = pair
     site = model.site("flange").id
     for q in np.random.default_rng(1).uniform(-3, 3, (20, 5)):
@@ -47,10 +47,7 @@ def test_flange(pair):
         np.testing.assert_allclose(ours[:3, 3], data.site_xpos[site], atol=1e-9)
         turn = ours[:3, :3].ravel()
         np.testing.assert_allclose(turn, data.site_xmat[site], atol=2e-6)  # digits of a quaternion
-
-
-def test_gravity(pair):
-    robot, model, data = pair
+    # gravity
     q = np.random.default_rng(2).uniform(-3, 3, (20, 5))
     gravity = np.array([0.5, -0.4, -9.7])
     model.opt.gravity[:] = gravity
@@ -61,11 +58,7 @@ def test_gravity(pair):
         mujoco.mj_forward(model, data)
         of_readings = robot.link_from_reading.T @ loads.moments[k, 1:, 2]
         np.testing.assert_allclose(of_readings, -data.qfrc_bias, atol=2e-6)
-
-
-def test_inertia(pair):
-    """About the last axis, which moves the last link alone."""
-    robot, model, data = pair
+    # About the last axis, which moves the last link alone
     mujoco.mj_forward(model, data)
     momenta = np.zeros(5)
     mujoco.mj_mulM(model, data, momenta, np.eye(5)[4])

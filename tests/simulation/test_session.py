@@ -31,7 +31,7 @@ from bayescal.simulation.record import summary, write
 from bayescal.simulation.session import LARGEST_SCALE
 
 
-def test_counts():
+def test_counts_and_repeats():
     s = little()
     m = s.dataset.measurements
     assert Counter(m.role) == {"calibrate": 60, "validate": 30 + 12}
@@ -41,6 +41,12 @@ def test_counts():
         range(4, 7), 10
     )
     assert len(set(m.ids)) == len(m.ids)
+    # repeats come one after the other and scatter by the noise
+    for group in set(m.repeat) - {""}:
+        rows = np.flatnonzero(m.repeat == group)
+        assert np.all(np.diff(rows) == 1)
+        assert np.ptp(m.readings[rows], axis=0).max() < 1e-3
+        assert np.ptp(m.readings[rows], axis=0).max() > 0
 
 
 def test_positions_are_searched_once_for_an_arm(monkeypatch):
@@ -87,16 +93,6 @@ def test_time_goes_on_and_the_arm_warms_up():
     assert m.temperature[-10:].mean() > m.temperature[:10].mean() + 1
     later = (m.role == "validate") & (m.target < 4)
     assert m.time[later].min() > m.time[~later].max() + 1000
-
-
-def test_repeats_come_one_after_the_other_and_scatter_by_the_noise():
-    s = little()
-    m = s.dataset.measurements
-    for group in set(m.repeat) - {""}:
-        rows = np.flatnonzero(m.repeat == group)
-        assert np.all(np.diff(rows) == 1)
-        assert np.ptp(m.readings[rows], axis=0).max() < 1e-3
-        assert np.ptp(m.readings[rows], axis=0).max() > 0
 
 
 def test_poses_and_directions_vary():

@@ -289,10 +289,7 @@ def test_a_servo_is_off_by_its_torque_over_its_stiffness():
     true = stated / (1 - act.detail["sign"] * size)
     assert np.degrees(np.std(error - true)) == pytest.approx(TRACK, rel=0.3)
     np.testing.assert_allclose(act.apply(size).track[:, j], true - stated, atol=1e-12)
-
-
-def test_a_servo_is_also_off_by_the_torque_of_an_effect():
-    made = short("single", number_of("servo-stiffness"))
+    # a servo is also off by the torque of an effect
     log, n = made.log, made.log.arm.size
     function, forms = mix.LISTED["load-friction"]
     act = function(np.random.default_rng(7), log, forms[0])

@@ -50,7 +50,7 @@ def made(request, tmp_path_factory):
     return folder, number, plain(truth)
 
 
-def test_it_is_a_dataset(made):
+def test_it_is_a_dataset_whose_folder_does_not_tell(made):
     folder, _, truth = made
     dataset = read_dataset(folder)
     what = truth["session"]["stage"]
@@ -59,10 +59,7 @@ def test_it_is_a_dataset(made):
     assert {t.kind for t in dataset.targets} == KINDS[what]
     assert set(dataset.measurements.role) == {"calibrate", "validate"}
     assert truth["robot"]["a"][2] != pytest.approx(0.3, abs=1e-6), "the arm is not as drawn"
-
-
-def test_its_folder_does_not_tell(made):
-    folder, _, truth = made
+    # its folder does not tell
     names = {"dataset.yaml", "robot.yaml", "measurements.csv", "baseline.txt"}
     assert {p.name for p in folder.iterdir()} == names
     text = "\n".join((folder / name).read_text() for name in names).lower()
