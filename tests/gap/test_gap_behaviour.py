@@ -26,9 +26,11 @@ STRONG = 150.0
 """Visible strength, lambda, at which an effect should be named."""
 COUNT = 160
 NAMED_EFFECTS = (
-    "bending", "base-compliance", "payload", "second-harmonic", "coupling", "lobing", "latency"
+    "hardening", "bending", "base-compliance", "payload", "eccentricity", "second-harmonic", "gear-mesh",
+    "backlash", "hysteresis", "encoder-scale", "coupling", "thermal-drift", "step", "lobing", "latency",
+    "plane-form",
 )  # fmt: skip
-"""Effects of which no other test here has a session, for all that these contacts show."""
+"""Of the vocabulary except for what these contacts hardly show: the artefact and the ball's radius."""
 
 
 @pytest.fixture(scope="module")
