@@ -328,7 +328,7 @@ def _diagnosed(
     spots = either("effects that would not be seen", partial(_unseen, last, plain), ())
     sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
     open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
-    cautions = warnings(found.baseline, final, before, after, lacking)
+    cautions = warnings(found.baseline, final, before, after, lacking, found.unsure)
     return Gap(
         dataset=dataset,
         baseline=effects,

@@ -164,9 +164,18 @@ def warnings(
     first: ValidationErrors,
     last: ValidationErrors,
     lacking: Sequence[Undetermined] = (),
+    unsure: Sequence[int] = (),
 ) -> tuple[str, ...]:
-    """Limitations of the results; `lacking` is what `after` leaves undetermined."""
+    """Limitations of the results; `lacking` is what `after` leaves undetermined.
+
+    `unsure` are rows that may be before a sudden change or after it.
+    """
     out = []
+    if count := int(np.sum(np.isin(before.model.scene.rows("validate"), unsure))):
+        are = "validation rows are" if count > 1 else "validation row is"
+        out.append(
+            f"{count} {are} within the interval of a sudden change and not counted in validation errors"
+        )
     fair = kept(first, last)
     expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])
     if expected > OUTCOME.loose * noise:

@@ -116,7 +116,11 @@ def fitted(run: Run) -> Section:
     """What is determined, and whether withheld torque errors are as expected."""
     record = run.record
     good = not record["words"]
-    word = "Withheld motions as expected" if good else "The fit does not explain the withheld motions"
+    word = (
+        "Withheld motions have the errors of the fitted ones"
+        if good
+        else "The fit does not explain the withheld motions"
+    )
     if not record["withheld"]:
         good, word = False, "No motion was withheld"
     total = len(record["parameters"])
