@@ -48,10 +48,12 @@ class Estimate:
             return log.limits
         said = list(log.limits)
         if band < SIGNALS.band:
-            above = f"accelerations are noise above {band:.1f} Hz: what is faster is not assessed"
-            below = f", and noise counts as {self.parts[0].wider:.2g} times as large for what they have below"
-            lacks = "; log positions with more digits, or at a higher rate"
-            said.append(above + (below if self.parts[0].wider > 1.0 else "") + lacks)
+            words = [f"accelerations are noise above {band:.1f} Hz: what is faster is not assessed"]
+            if (times := self.parts[0].wider) > 1.0:
+                words.append(f"noise counts as {times:.2g} times as large for what they have below")
+            if np.any(self.parts[0].unsure > SIGNALS.blurred):
+                words.append("rows about reversals are left out")
+            said.append("; ".join((*words, "log positions with more digits, or at a higher rate")))
         if stuck is not None:
             share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
             wider = f"noise counts as {NOISE.stuck:g} times as large for it"

@@ -20,12 +20,15 @@ class SignalSettings:
     """Hz, cut-off of the low-pass, at most: control bandwidth and arm modes lie above (tuned)."""
     narrow: float = 2.5
     """Hz, the least (assumed: `margin` holds most of a period of it)."""
-    small: float = 0.4
+    small: float = 0.25
     """Noise of torques by that of accelerations, over that of torques, up to which a band is kept (tuned:
-    with 0.5 to 0.7, logs without an effect had 12 nats of an oscillation and 33 of a ripple)."""
+    with 0.4 to 0.7, logs without an effect had 12 nats of an oscillation and 33 of a ripple)."""
     unsure: float = 2.0
     """Power of what is beyond it in the narrowest band, by which noise counts as larger (tuned: with 1.0,
     logs of 20 to 30 Hz with 4096 counts a turn and without an effect were `unknown`)."""
+    blurred: float = 1e-3
+    """rad/s, noise of speeds from which on rows about reversals do not count: when the direction of friction
+    changes is not known (assumed; a tenth of a usual transition speed)."""
     step: float = 0.9
     """A narrower band over the one before, at most (cost)."""
     poses: int = 8

@@ -8,7 +8,7 @@ empty band a noise model would amplify nothing.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -48,17 +48,24 @@ class Signals:
     band: float = SIGNALS.band  # Hz, of the rows that are kept
     stuck: float | None = SIGNALS.stuck  # s about rest in which stiction holds a joint; None: it does not
     telling: np.ndarray | bool = True  # (n,) whether the torque of a joint tells of it
+    unsure: np.ndarray = field(default_factory=lambda: np.zeros(1))  # (n,) rad/s, noise of the speeds
     wider: float = 1.0  # noise over that of the residuals, where it is in their drivers too
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """Weights (N, n) of rows in a fit, 0 to 1: 0 where stiction holds a joint with any torque."""
-        if self.stuck is None:
-            return np.broadcast_to(np.where(self.telling, 1.0, 0.0), self.q.shape)
-        slow, fast = SERVOS.held if self.log.torque_kind == SERVO else SIGNALS.held
-        weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
-        held = minimum_filter1d(weight, 2 * round(self.stuck / self.step) + 1, axis=0)
-        return np.where(self.telling, held, 0.0)
+        """Weights (N, n) of rows in a fit, 0 to 1.
+
+        0 where stiction holds a joint with any torque, and about a reversal whose time is not known.
+        """
+        weight = np.broadcast_to(np.where(self.telling, 1.0, 0.0), self.q.shape)
+        servo = self.log.torque_kind == SERVO
+        if self.stuck is not None:
+            limits = SERVOS.held if servo else SIGNALS.held
+            weight = weight * _faster(self.dq, np.array(limits)[:, None], self.stuck / self.step)
+        if servo:
+            return weight
+        known = _faster(self.dq, np.multiply.outer(SIGNALS.still, self.unsure), 0.5 / self.band / self.step)
+        return np.where(self.unsure > SIGNALS.blurred, weight * known, weight)
 
     @property
     def rests(self) -> np.ndarray:
@@ -121,6 +128,12 @@ def _low_pass(count: int, step: float, every: int, band: float) -> csr_matrix:
     columns = first[:, None] + np.arange(2 * half + 1)
     starts = np.arange(len(first) + 1) * len(taps)
     return csr_matrix((np.tile(taps, len(first)), columns.ravel(), starts), (len(first), count))
+
+
+def _faster(speed: np.ndarray, limits: np.ndarray, about: float) -> np.ndarray:
+    """Share (N, n), 0 to 1, of speeds between two limits (2, n), and the least within `about` samples."""
+    share = np.clip((np.abs(speed) - limits[0]) / np.maximum(limits[1] - limits[0], 1e-12), 0.0, 1.0)
+    return np.asarray(minimum_filter1d(share, 2 * round(about) + 1, axis=0))
 
 
 def each(parts: Sequence[Signals]) -> Iterator[Signals]:
@@ -186,7 +199,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
         motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
         torque, sampled(motion.command), sampled(motion.link), warm,
         np.interp(time, motion.time, motion.payload), max(int(rows), 1), bands.rows,
-        0.0 if log.torque_kind == SERVO else SIGNALS.stuck,
+        0.0 if log.torque_kind == SERVO else SIGNALS.stuck, unsure=sd * gain,
     )  # fmt: skip
 
 

@@ -233,7 +233,7 @@ def test_a_torque_of_too_few_digits_is_left_out(null_log):
 
 
 @pytest.mark.parametrize(
-    ("counts", "said"), [(4096, "assessed; log"), (2048, "and noise counts as 4.2 times")]
+    ("counts", "said"), [(8192, "above 2.6 Hz"), (2048, "above 2.5 Hz"), (2048, "noise counts as")]
 )
 def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log, counts, said):
     """Noise of accelerations is in drivers and residuals alike; late velocities would make torques early."""
@@ -245,8 +245,21 @@ def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log,
 
     found = diagnose(replace(log, motions=tuple(map(coarse, log.motions))))
     assert found.verdict.kind == "null"
-    assert "accelerations are noise above 2.5 Hz" in found.warnings[-1]
+    assert "rows about reversals are left out" in found.warnings[-1]
     assert said in found.warnings[-1]
+
+
+def test_rows_about_a_reversal_do_not_count_where_speeds_are_noise(null_parts):
+    """Of the joints with such speeds alone; the others have all rows."""
+    s, noise = null_parts[0], 0.01
+    s = replace(s, stuck=None, unsure=np.array([0.0, noise, 0.5 * SIGNALS.blurred]))
+    assert np.all(s.weight[:, [0, 2]] == 1.0)
+    slow = np.abs(s.dq[:, 1]) < SIGNALS.still[0] * noise
+    near = minimum_filter1d(np.abs(s.dq[:, 1]), 2 * round(0.5 / s.band / s.step) + 1)
+    assert slow.any()
+    assert np.all(s.weight[slow, 1] == 0.0)
+    assert np.all(s.weight[near < SIGNALS.still[0] * noise, 1] == 0.0)
+    assert np.all(s.weight[near > SIGNALS.still[1] * noise, 1] == 1.0)
 
 
 def test_what_is_beyond_the_band_of_the_drives_is_not_made_a_name(null_parts):
