@@ -105,7 +105,7 @@ def test_a_stop_ends_the_workers_without_awaiting_their_jobs(tmp_path, monkeypat
         until(lambda: (tmp_path / "0").exists() and tiny_work.begun(tmp_path, 0))
         raise stop
 
-    monkeypatch.setattr("bayescal.storage.workers.wait", stopped)
+    monkeypatch.setattr("bayescal.storage.workers.futures.wait", stopped)
     begin = time.monotonic()
     with pytest.raises((KeyboardInterrupt, Stopped)):
         list(results(tiny_work.work, [Tiny(0, tmp_path, 0, 600.0)]))

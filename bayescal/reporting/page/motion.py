@@ -43,7 +43,7 @@ def first(run: Run) -> Section:
     steps = _simulator(run, "Write the arm with the effects, for a simulator:") if record["named"] else []
     if record["verdict"] == "null":
         steps = _simulator(run)
-    if record["next_motions"]:
+    if record.get("next_motions"):
         motions = "Run the motions of next-motions.csv, log them, and diagnose again with the log."
         steps = [*steps, (motions, "")] if record["verdict"] in ("null", "named") else [(motions, ""), *steps]
     return FirstScreen(
