@@ -20,7 +20,7 @@ from bayescal.assess.mistakes import judged, mistaken
 from bayescal.assess.shared_causes import SharedCause, completed, judged_level, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
-from bayescal.effects import BASELINE, levels_of, parameters_of
+from bayescal.effects import BASELINE, levels_of, parameters_of, possible
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
@@ -94,6 +94,11 @@ class Fit:
     def final(self) -> ModelLevel:
         """The requested model level."""
         return self.levels[-1]
+
+
+def usual_model(dataset: Dataset) -> tuple[str, ...]:
+    """The effects of `BASELINE` for which a session has what they need."""
+    return possible(BASELINE, Scene(dataset).circumstances()) or BASELINE
 
 
 def fit(

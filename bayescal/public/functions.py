@@ -135,6 +135,7 @@ def fit(
     """
     from bayescal.assess.agreement import agreement
     from bayescal.calibration import fit as run
+    from bayescal.calibration import usual_model
     from bayescal.model.options import FitOptions
     from bayescal.posterior.checkpoint import Checkpoint
 
@@ -211,6 +212,7 @@ def diagnose(
     True
     """
     from bayescal.assess.agreement import agreement
+    from bayescal.calibration import usual_model
     from bayescal.estimate import calibrated
     from bayescal.gap.diagnose import diagnose as run
     from bayescal.model.options import FitOptions
@@ -342,18 +344,11 @@ def compare(
     >>> len(bc.compare(session, "geometry").record["methods"]) > 3
     True
     """
+    from bayescal.calibration import usual_model
     from bayescal.methods import compare as run
 
     session = session_of(dataset, allow_xacro=allow_xacro)
     return ComparisonResult(run(session, names(model) or usual_model(session), seed, progress=progress))
-
-
-def usual_model(session: Dataset) -> tuple[str, ...]:
-    """The effects of `MODEL` for which a session has what they need."""
-    from bayescal.effects import possible
-    from bayescal.model.scene import Scene
-
-    return possible(MODEL, Scene(session).circumstances()) or MODEL
 
 
 def session_of(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
-from bayescal.public.functions import MODEL
 from bayescal.public.results import FitResult, Result, table
 from bayescal.storage.reading import Json, read_record
 
@@ -89,7 +88,7 @@ def words(event: Event) -> Text:
 
 def watch(
     dataset: str | PathLike[str],
-    model: Sequence[str] | str = MODEL,
+    model: Sequence[str] | str = (),
     *,
     enough_um: float | None = None,
     plan: str | PathLike[str] | None = None,
@@ -155,7 +154,7 @@ def watch(
     if not fits or state.pending or state.written.fault:
         from bayescal.calibration import fit  # it says what is wrong
 
-        fit(read_dataset(Path(dataset)), options.effects, options.fit, samples=0)
+        fit(read_dataset(Path(dataset)), state.effects, options.fit, samples=0)
         raise BayescalError("the session changed when watching ended", str(dataset), "repeat the command")
     return WatchResult(fits[-1], events=tuple(events), contacts=tuple(state.contacts), options=options)
 

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from math import inf, nan
 from pathlib import Path
 
-from bayescal.calibration import Fit, fit
+from bayescal.calibration import Fit, fit, usual_model
 from bayescal.dataset import Dataset, read
 from bayescal.dataset.join import stacked
 from bayescal.dataset.table import table_of
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Measurements
-from bayescal.effects import BASELINE
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError, attempted
 from bayescal.estimate import Estimate
@@ -129,7 +128,7 @@ class WatchOptions:
     Attributes
     ----------
     effects : tuple of str
-        The model: names of `effects.MODELS`.
+        The model: names of `effects.MODELS`; none: the usual ones that the session allows.
     fit : FitOptions
     enough : float
         Expanded uncertainty of a distance, m, at which the session has enough contacts.
@@ -139,7 +138,7 @@ class WatchOptions:
         s without a new row, after which watching ends.
     """
 
-    effects: tuple[str, ...] = BASELINE
+    effects: tuple[str, ...] = ()
     fit: FitOptions = USUAL
     enough: float = 0.0
     planned: int = 0
@@ -205,7 +204,7 @@ class Watch:
     """
 
     def __init__(self, folder: Path, options: WatchOptions = WatchOptions()) -> None:
-        self.folder, self.options = folder, options
+        self.folder, self.options, self.effects = folder, options, options.effects
         self.written = begun(folder)
         self.contacts: list[Contact] = []
         self.odd: set[int] = set()
@@ -235,7 +234,7 @@ class Watch:
         if not new or self.estimate is None or placed_by_rows(dataset):
             yield from new
             return
-        self.estimate = update.followed(self.estimate, dataset, self.options.effects, self._options, self.odd)
+        self.estimate = update.followed(self.estimate, dataset, self.effects, self._options, self.odd)
         yield from self._judged(new)
         yield from self._shift()
 
@@ -291,7 +290,8 @@ class Watch:
         begin = time.perf_counter()
         try:
             dataset = read.read_dataset(self.folder, rows=self.written.content)
-            found = fit(dataset, self.options.effects, self.options.fit, samples=0)
+            self.effects = self.options.effects or usual_model(dataset)
+            found = fit(dataset, self.effects, self.options.fit, samples=0)
         except BayescalError as error:
             yield from self._tell(WAITING, str(error))
             return
@@ -301,7 +301,7 @@ class Watch:
         spots = attempted("what the contacts would show", lambda: _spots(found), (), [])
         self.odd = set(level.rejected.tolist())
         self.last = Complete(found, spots, moved, time.perf_counter() - begin)
-        self.estimate = update.begun(level, self.options.effects, self._options)
+        self.estimate = update.begun(level, self.effects, self._options)
         self._u_then = update.distance_u(self.estimate)
         yield self.last
         if (enough := self.options.enough) >= self.last.U:

@@ -21,7 +21,7 @@ from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures import distances, parameters, process, residuals, where
-from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, png
+from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, figures_of, png
 from bayescal.reporting.figures.parameters import BINS, weakest
 from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
@@ -341,6 +341,14 @@ def segments(axes, colour):
     drawn = [c for a in axes for c in a.collections if to_hex(c.get_color()[0]) == to_hex(colour)]
     found = np.concatenate([s for c in drawn if len(s := c.get_segments())])
     return np.sort(found[:, :, 0], axis=1), found[:, 0, 1]
+
+
+def test_a_fit_of_no_parameter_has_no_figure_of_parameters(fit):
+    nominal = fit | {"parameters": [p for p in fit["parameters"] if p["effect"] == "target"]}
+    drawn_ = figures_of(nominal, {"x": np.zeros((1, 9))})
+    assert set(figures_of(fit)) - set(drawn_) == {"fit-parameters.png"}
+    with pytest.raises(BayescalError, match="no parameter of the arm"):
+        draw("parameters", nominal)
 
 
 def test_the_band_of_a_prior_is_two_of_its_standard_deviations(fit):

@@ -1,7 +1,7 @@
 """A session while it is measured: its rows, the estimate after each, odd contacts, the end."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +10,7 @@ from camera_sessions import camera_session
 from sessions import little, with_rows
 
 import bayescal as bc
-from bayescal.calibration import fit
+from bayescal.calibration import fit, usual_model
 from bayescal.dataset import read_dataset
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
@@ -137,6 +137,15 @@ def test_a_continued_scene_is_that_of_all_rows():
 @cache
 def complete():
     return fit(little().dataset, MODEL, samples=0)
+
+
+def test_without_a_model_it_is_the_usual_one_that_the_session_allows(folder):
+    cell, lines = folder
+    put(cell, *lines[1:])
+    watch, _ = run(cell, idle=1.0)
+    assert watch.effects == watch.last.fit.final.effects == MODEL
+    robot = replace(watch.written.dataset.robot, masses=None)
+    assert usual_model(replace(watch.written.dataset, robot=robot)) == ("geometry",)
 
 
 def first_rows(found, count):
@@ -295,7 +304,7 @@ def test_the_result_is_a_run_folder_of_fit(folder, tmp_path):
     cell, lines = folder
     put(cell, *lines[1:-1], lines[-1].rstrip())
     said = []
-    result = bc.watch(cell, idle_s=0.0, say=said.append)
+    result = bc.watch(cell, "", idle_s=0.0, say=said.append)  # as of a command without --model
     assert {type(e) for e in said} == {Contact, Complete, Notice}
     names = result.save(tmp_path / "run", pictures=False)
     assert {"fit.json", "watch.json", "watch.csv"} <= {*names}

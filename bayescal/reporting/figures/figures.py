@@ -78,13 +78,19 @@ def _arm(record: Json) -> Content:
     return [str(record["arm"]["robot"])], [[residuals.arm_panel(record)]]
 
 
-def _one(title: str, panels: Callable[[Json], list[Panel]]) -> Callable[[Json], Content]:
-    """A figure with a fixed title and one row of panels."""
-    return lambda record: ([title], [panels(record)])
+def _parameters(record: Json) -> Content:
+    _fitted(record)
+    return ["Parameters: estimate against prior"], [parameters.parameter_panels(record)]
+
+
+def _fitted(record: Json) -> None:
+    if not parameters.of_arm(record):
+        raise BayescalError("no parameter of the arm was fitted", str(record["dataset"]["name"]), "fit one")
 
 
 def posterior_content(record: Json, draws: Draws, names: Sequence[str] = ()) -> Content:
     """Title and panels of the posterior; without names of the parameters about which the data say least."""
+    _fitted(record)
     title = "Posterior distributions" if names else "Posterior of the parameters with the weakest data"
     return [title], parameters.posterior_rows(record, draws, names)
 
@@ -93,7 +99,7 @@ CONTENT: dict[str, dict[str, Callable[[Json], Content]]] = {
     "levels": {FIT: _levels, GAP: _levels},
     "distances": {FIT: _distances, GAP: _distances},
     "residuals": {FIT: _residuals_fit, GAP: _residuals_gap},
-    "parameters": {FIT: _one("Parameters: estimate against prior", parameters.parameter_panels)},
+    "parameters": {FIT: _parameters},
     "where": {GAP: _where},
     "which": {GAP: lambda r: (r["words"], [[where.effects_panel(r), where.sets_panel(r)]])},
     "arm": {FIT: _arm, GAP: _arm},
@@ -167,10 +173,11 @@ def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
     With the draws of its parameters, by name, the posterior of a fit too.
     """
     files = FILES[record["schema"]].items()
-    # there may be no validation measurement
+    # there may be no validation measurement, and no parameter
     checked = {"distances": distances.measured(record), "levels": distances.levelled(record)}
+    checked["parameters"] = some = record["schema"] == FIT and bool(parameters.of_arm(record))
     drawable = {file: content(name, record) for file, name in files if checked.get(name, True)}
-    if draws:
+    if draws and some:
         drawable["fit-posterior.png"] = posterior_content(record, draws)
     with drawing():
         return {file: png(sheet(title, rows)) for file, (title, rows) in drawable.items()}
