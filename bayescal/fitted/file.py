@@ -184,7 +184,9 @@ def _covariance(entries: Any, count: int) -> np.ndarray:
 def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     of = record["dataset"]
     sessions = [read_dataset(copy, judge=False) for copy in _copies(of["folders"], folder)]
-    scene = Scene(joined(sessions, of["remounted"], of["own_noise"]), oriented=True)
+    dataset = joined(sessions, of["remounted"], of["own_noise"])
+    # the hash is that of the user's files, of which the copy has the values
+    scene = Scene(replace(dataset, sha256=of["sha256"] or dataset.sha256), oriented=True)
     effects = tuple(record["model"])
     entries = {e["name"]: e for e in record["parameters"]}
 

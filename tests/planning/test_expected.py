@@ -508,6 +508,6 @@ def test_effects_are_separated_beside_compliance_that_a_diagnosis_added() -> Non
 def test_other_files_are_refused(tmp_path, text: str, match: str) -> None:
     (tmp_path / "gap.json").write_text(text)
     with pytest.raises(BayescalError, match=match):
-        continuation(SimpleNamespace(name="session", sha256="a"), tmp_path)
+        continuation(SimpleNamespace(name="session", sha256="a", folder=tmp_path), tmp_path)
     with pytest.raises(BayescalError, match="no such file"):
-        continuation(SimpleNamespace(name="session", sha256="a"), tmp_path / "absent.json")
+        continuation(SimpleNamespace(name="session", sha256="a", folder=tmp_path), tmp_path / "absent.json")

@@ -192,11 +192,19 @@ def test_measured_rows_count(session, setup, tmp_path):
 def test_a_diagnosis_is_continued(session, setup, tmp_path):
     """Its model is taken; its dataset is SETUP."""
     session.save(tmp_path / "measured")
+    with (tmp_path / "measured" / "dataset.yaml").open("a") as file:
+        file.write("# the copy in the run folder has no comment\n")
     gap = bc.diagnose(tmp_path / "measured", "geometry")
     gap.save(tmp_path / "gap", pictures=False)
     by_path, by_result = (_setup(tmp_path / "measured", own, False) for own in (tmp_path / "gap", gap))
     assert by_path[1] == by_result[1]
     assert by_path[1].effects == ("geometry",)
+    copy = tmp_path / "gap" / "dataset"  # the page names it
+    assert bc.read_dataset(copy).sha256 != gap.record["dataset"]["sha256"]
+    assert _setup(copy, tmp_path / "gap", False)[1] == by_path[1]
+    (copy / "measurements.csv").write_text((copy / "measurements.csv").read_text() + "\n")
+    with pytest.raises(bc.BayescalError, match="was changed or removed after the run"):
+        _setup(copy, tmp_path / "gap", False)
     assert len(by_path[0].dataset.measurements.ids) == len(session.dataset.measurements.ids)
     assert by_path[0].dataset.measurements.ids == by_result[0].dataset.measurements.ids
     session.save(tmp_path / "other")
