@@ -187,6 +187,9 @@ def test_check_tells_a_tool_and_an_instrument_of_validation_rows():
     told = said(d, role=role, target=second, tool=second)
     assert {"predicted_tool", "predicted_instrument"} <= told.keys()
     assert "predicted_instrument" not in said(d, target=second)
+    half = np.where(np.cumsum(second) % 2, "locate", role)
+    told = said(d, role=np.where(second == 1, half, role), target=second, tool=second)
+    assert not {"predicted_tool", "predicted_instrument"} & told.keys()  # rows locate both
 
 
 def failing(error: Exception):
