@@ -140,7 +140,8 @@ def of_fit(fit: Fit) -> Use:
         )
     tests = fit.acceptance
     reasons = (*((tests.unmade,) if tests.unmade else ()), *reasons)
-    verdict = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
+    good = tests.explains and tests.validated and not tests.doubts
+    verdict = () if good else (f"verdict of the fit: {tests.verdict}",)
     codes = {f.code for f in fit.findings if f.severity != "note"}
     step = next(
         key

@@ -334,6 +334,13 @@ def test_a_good_fit_passes(result):
     assert bc.export(result, "urdf").record["notes"][-1].startswith("joint values of the file")
 
 
+def test_doubts_of_the_verdict_are_said_where_the_arm_is_used(result):
+    tests = replace(result.data.acceptance, checks=(), doubts=result.data.acceptance.checks[:1])
+    use = of_fit(replace(result.data, acceptance=tests)).use
+    assert use.allowed
+    assert any("errors are larger than noise and model predict" in note for note in use.notes)
+
+
 def negative(found, name, times):
     """An estimate with a parameter at some u below zero."""
     k = found.model.names.index(name)
