@@ -1,5 +1,6 @@
 """A fitted arm at any pose: equal to its model at the rows of the session, with every effect."""
 
+import html
 import json
 from dataclasses import replace
 from functools import cache
@@ -25,12 +26,15 @@ from bayescal.fitted.gate import Use
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
 from bayescal.model import build, standing
+from bayescal.model.options import parts_of
 from bayescal.model.scene import Scene
 from bayescal.public.results import FitResult
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
+from bayescal.reporting.page.build import run_page
+from bayescal.reporting.page.section import Run
 from bayescal.simulation import Options, simulate
 
 MOVING = tuple(
@@ -322,6 +326,23 @@ def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
 
 
 # --- What is not exported without --force, and why.
+
+
+@pytest.mark.parametrize("step", ["use", "gap"])
+def test_the_next_diagnosis_is_of_the_model_that_was_fitted(step):
+    effects, parts = ("geometry", "backlash at joint 3"), ("geometry at joint 4",)
+    found, record = good_fit(), fit_record(good_fit())
+    assert "--model" not in text_of(fit_summary(found, record))
+    options = replace(found.options, without=parts_of(parts, effects))
+    doubts = found.acceptance.checks[:1] if step == "gap" else ()
+    tests = replace(found.acceptance, doubts=doubts)
+    other = (*found.levels[:-1], replace(found.final, effects=effects))
+    found = replace(found, options=options, levels=other, acceptance=tests)
+    record |= {"model": [*effects], "without": [*fit_record(found)["without"]]}
+    record["use"] |= {"next": step}
+    asked = "--model 'geometry,backlash at joint 3' --without 'geometry at joint 4'"
+    assert f"bayescal gap {found.dataset.folder} {asked}" in text_of(fit_summary(found, record))
+    assert f"bayescal gap x/dataset {asked}" in html.unescape(run_page(Run("fit", record, "x")))
 
 
 @pytest.fixture(scope="module")

@@ -84,6 +84,11 @@ def test_a_diagnosis_shows_the_residuals_that_it_explains(found):
     assert drawn["rows"]["residual_um"] == rows["residual_before_um"]
 
 
+def test_the_advice_to_calibrate_has_the_model_of_the_diagnosis(found):
+    record = record_of(found, "null") | {"baseline": ["geometry"], "without": ["d4"]}
+    assert "bayescal fit x/dataset --model geometry --without d4" in words(run_page(Run("gap", record, "x")))
+
+
 @pytest.mark.parametrize("kind", SETS)
 def test_every_verdict_has_a_page(found, kind):
     record = record_of(found, kind)

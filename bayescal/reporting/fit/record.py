@@ -73,7 +73,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
         "verdict": _verdict(fit.acceptance, fit.dataset),
         "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else _tolerance(fit.tolerance),
-        **entry(fit, "model=final.effects", "prior_width=options.prior_width"),
+        **entry(fit, "model=final.effects", "without=options.omitted", "prior_width=options.prior_width"),
         "prior_widths": [entry(w, "family", "factor", "nats", "parameters") for w in fit.widths],
         "parameters": _parameters(fit),
         "correlations": _correlations(fit),

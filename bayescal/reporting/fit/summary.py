@@ -22,7 +22,19 @@ from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit import sheets
 from bayescal.reporting.shared.origin import filed_lines, hand_eye_lines, images_lines
 from bayescal.reporting.shared.sheet import Sheet, below, screen, terminal
-from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, two_digits, um, um2, under
+from bayescal.reporting.shared.text import (
+    MDEG,
+    MM,
+    UM,
+    Facts,
+    facts,
+    model_options,
+    percent,
+    two_digits,
+    um,
+    um2,
+    under,
+)
 from bayescal.storage.reading import Json
 
 MOST_REASONS = 4
@@ -156,6 +168,7 @@ def _next(fit: Fit, use: Use) -> Facts:
         reasons.append("robot.yaml says so; export, compensate and certificates need --force")
     yield from under("not to be used", reasons, "red")
     gap = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
+    gap += model_options(fit.final.effects, fit.options.omitted)
     yield "next", gap if use.next == "gap" else STEPS[use.next], "bold"
     if use.next == "use":
         yield "", f"{gap}  (effects that validation does not show)", ""

@@ -128,8 +128,11 @@ def _change(before: float, after: float) -> str:
 def _next(run: Run) -> list[tuple[str, str]]:
     folder, use = shlex.quote(run.folder), run.record["use"]
     words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
+    less = run.record.get("without", ())  # an earlier version has none
+    options = text.model_options(run.record["model"], less)
+    gap = f"bayescal gap {run.datasets}{options}"
     if use["next"] == "gap":
-        return [(words, f"bayescal gap {run.datasets}")]
+        return [(words, gap)]
     if use["next"] != "use":
         return [(words, "")]
     export = f"bayescal export {folder} --to"
@@ -137,7 +140,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
     return [
         (words, f"{export} urdf"),
         *(cameras if run.record.get("images") else []),
-        ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
+        ("Check whether effects remain that the model lacks.", gap),
     ]
 
 

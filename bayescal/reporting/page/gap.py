@@ -20,6 +20,7 @@ from bayescal.reporting.shared.text import (
     interval,
     length,
     listed,
+    model_options,
     not_assessed,
     probability,
     rival,
@@ -183,9 +184,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
 def _next(run: Run) -> list[tuple[str, str]]:
     record, dataset, out = run.record, run.datasets, []
     if record["named"]:
-        model = shlex.quote(record["refit"]["model"])
-        less = record["refit"]["without"]
-        without = f" --without {shlex.quote(','.join(less))}" if less else ""
+        options = model_options(record["refit"]["model"].split(","), record["refit"]["without"])
         if any(map(doubt_of, record["named"])):
             words = "Measure more, and diagnose again; to fit with the effects that are named:"
         elif record["class"]:
@@ -199,7 +198,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
             what = f"with the effects that are named, errors of {listed(larger)} are larger"
             out.append((f"Measure more, and diagnose again: {what}.", ""))
         else:
-            out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
+            out.append((words, f"bayescal fit {dataset}{options}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
@@ -210,7 +209,8 @@ def _next(run: Run) -> list[tuple[str, str]]:
         command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap{count}"
         out.append((f"{what} that decide between the explanations.", command))
     if record["verdict"] == "null":
-        as_it_is = ("Calibrate with the model as it is.", f"bayescal fit {dataset}")
+        options = model_options(record["baseline"], record["without"])
+        as_it_is = ("Calibrate with the model as it is.", f"bayescal fit {dataset}{options}")
         first = ("Find what makes errors larger than the noise, and measure again.", "")
         out.insert(0, first if sheets.exceeds(record) else as_it_is)
     return out or [("Inspect the location that is marked, and measure again.", "")]

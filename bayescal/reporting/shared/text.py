@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,11 +12,18 @@ from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
-from bayescal.effects import EFFECTS, UNITS
+from bayescal.effects import BASELINE, EFFECTS, UNITS
 from bayescal.effects.location import OPPOSITE, words_of
 from bayescal.effects.selection import Selection
 from bayescal.effects.vocabulary import unit_label
 from bayescal.statistics import decimals_of
+
+
+def model_options(model: Sequence[str], without: Sequence[str]) -> str:
+    """Options by which a further command has the same model, after a blank; none of the usual one."""
+    options = {"model": () if tuple(model) == BASELINE else model, "without": without}
+    return "".join(f" --{key} {shlex.quote(','.join(names))}" for key, names in options.items() if names)
+
 
 GAP = 2
 """Blanks between columns."""
