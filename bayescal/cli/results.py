@@ -229,6 +229,9 @@ def compensate(
     options |= {"format": format_, "tcp": frame_of_tool, "payload_kg": payload_kg, "at_time": at_time_s}
     result = arms.compensate(run, targets, **options)
     show(result.report(), out.parent, result.save(out))
+    lacking = [target for target in result.data.corrected if target.readings is None]
+    if lacking and len(lacking) == len(result.data.corrected):
+        raise BayescalError("no target has a solution", str(targets), "the column `reason` states why")
 
 
 @command(

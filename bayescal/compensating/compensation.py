@@ -218,6 +218,8 @@ def compensate_file(
         uses has no solution, or if it has another frame or tool.
     """
     content = _content(source)
+    if not content.strip():
+        raise BayescalError("there are no targets", source.name, "give a row for each, below a header")
     name = format_ or _format_of(source, content)
     if name not in FORMATS:
         raise BayescalError(f"there is no format `{name}`", "--format", f"known: {', '.join(FORMATS)}")

@@ -220,6 +220,8 @@ def fleet(
                 if error:
                     say(f"{todo[index]}: {error}")
                 progress(f"{before + k} of {len(tasks)}", (before + k) / len(tasks))
+        if not any(task.folder.exists() for task in tasks.values()):
+            raise BayescalError("no session could be read", "SESSIONS", "correct what is said of each")
         progress("compare", 1.0)
         entries = _entries(tasks, errors, done, arm_of)
         return _written(entries, options, folder)
@@ -231,8 +233,9 @@ def _named(sessions: Sequence[str | PathLike[str]]) -> dict[str, Path]:
     for path in map(Path, sessions):
         inside = sorted(p.parent for p in path.glob("*/dataset.yaml"))
         paths += [path] if (path / "dataset.yaml").exists() or not inside else inside
-    if not paths:
-        raise BayescalError("no session", "SESSIONS", "give dataset folders")
+    if not any((path / "dataset.yaml").exists() for path in paths):
+        where = str(paths[0]) if paths else "SESSIONS"
+        raise BayescalError("no session", where, "give dataset folders, or folders of them")
     out: dict[str, Path] = {}
     alike = [p.resolve().name for p in paths]
     for path in paths:

@@ -93,6 +93,7 @@ def test_nominal_readings_are_kept_under_another_name(arm, session, tmp_path):
         (POSES.replace(",rz_deg", "") + ROWS, r"t\.csv:1: column `rz_deg` is missing; give all of x_mm"),
         (POSES + "a,450,0,2oo,180,0,0,\n", r"t\.csv:2: `z_mm` is not a number: '2oo'"),
         (POSES + "a,450,,200,180,0,0,\n", r"t\.csv:2: `y_mm` is empty; fill the cell in"),
+        ("\n", r"t\.csv: there are no targets"),
         (POSES + "a,450,0,200,180,0,0\n", r"t\.csv:2: 7 cells, the header has 8"),
         (POSES, r"t\.csv:1: no rows below the header"),
         (POSES.replace("note", "u_mm") + ROWS, "column `u_mm` is written by a compensation"),
@@ -238,6 +239,9 @@ def test_the_command(arm, tmp_path, command):
     assert code == 0
     assert "out of reach" in text
     assert len(read(out.read_bytes())) == 3
+    far = table(tmp_path / "far.csv", POSES + "a,4000,0,200,180,0,0,\n")
+    code, text, error = command("compensate", str(run), str(far), "--out", str(tmp_path / "far-out.csv"))
+    assert (code, "out of reach" in text, "no target has a solution" in error) == (1, True, True)
     table(source, POSES + "a,450,,200,180,0,0,\n")
     before = out.read_bytes()
     code, _, error = command("compensate", str(run), str(source), "--out", str(out))

@@ -213,6 +213,8 @@ def test_a_run_folder_is_read_back(gaps, tmp_path):
     gap = gaps["delay"]
     files = ("gap.json", "gap.html", "next-motions.csv", "next-motions.yaml", "arm.yaml", "dataset")
     assert gap.save(tmp_path / "run") == files
+    with pytest.raises(BayescalError, match="of sessions, and this is the run of a joint log"):
+        bc.report([tmp_path / "run"] * 2, tmp_path / "both.html")
     planned = [name for name, _, _ in read_commands(tmp_path / "run" / "next-motions.csv")]
     assert planned == [m["id"] for m in gap.record["next_motions"]]
     assert "poses" in planned

@@ -217,8 +217,12 @@ def test_a_folder_of_others_is_refused(folder, tmp_path):
     with pytest.raises(BayescalError, match="not of a fleet"):
         bc.fleet([tmp_path / "sessions"], tmp_path)
     assert not (tmp_path / "sessions" / "arm-0" / "session.json").exists()
-    with pytest.raises(BayescalError, match="no session"):
-        bc.fleet([], tmp_path / "out")
+    for none in ([], [tmp_path / "nope"]):
+        with pytest.raises(BayescalError, match="no session;"):
+            bc.fleet(none, tmp_path / "out")
+    with pytest.raises(BayescalError, match="no session could be read"):
+        bc.fleet([folder / "sessions" / "bad"], tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("dated", [True, False])

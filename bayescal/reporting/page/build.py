@@ -151,9 +151,13 @@ def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[
     Raises
     ------
     BayescalError
-        For a folder that is no run, a file that is not a page of bayescal, or a missing browser.
+        For a folder that is no run, a joint log among several, a file that is not a page of bayescal, or a
+        missing browser.
     """
     runs = [read_run(folder) for folder in folders]
+    if len(runs) > 1 and (logs := [run.folder for run in runs if run.kind.startswith("motion")]):
+        what = "a page of several runs is of sessions, and this is the run of a joint log"
+        raise BayescalError(what, logs[0], "write the page of each log by itself")
     if pdf:
         browser()
     if out is None and len(runs) > 1:
