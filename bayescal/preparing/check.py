@@ -299,6 +299,7 @@ def check_record(of: Check) -> dict[str, Any]:
         "duration_s": None if m.time is None else float(np.ptp(m.time)),
         "payloads_kg": [] if m.payload is None else sorted({float(p) for p in m.payload}),
         "velocities": m.velocity is not None,
+        "temperatures": m.temperature is not None,
         "temperature_of": d.temperature_of if m.temperature is not None else None,
         "model": list(of.modelled),
         "unknowns": of.unknowns,

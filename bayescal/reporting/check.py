@@ -150,12 +150,14 @@ def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "noise (k = 1)", ", ".join(f"{of} {value:g} {unit}" for of, _, unit, value in stated)
     time = "no times" if r["duration_s"] is None else f"{r['duration_s'] / 3600:.1f} h"
     load = ", ".join(f"{p:g}" for p in r["payloads_kg"]) or "0"
+    unstated = "temperatures of arm or air (`temperature_of` does not say which)"
+    unstated = unstated if r["temperatures"] else "no temperatures"
     conditions = (
         time,
         f"payload {load} kg",
         f"{r['repeats']} repeated contacts, {r['stops']} stops",
         f"{'with' if r['velocities'] else 'no'} joint velocities",
-        f"temperature of the {r['temperature_of']}" if r["temperature_of"] else "no temperatures",
+        f"temperature of the {r['temperature_of']}" if r["temperature_of"] else unstated,
     )
     yield "conditions", "; ".join(conditions)
     model = " + ".join(r["model"]) or "none"

@@ -282,6 +282,20 @@ def test_command_line_and_api(tmp_path, good):
     assert "1 missing" in repr(result)
 
 
+@pytest.mark.parametrize(
+    ("stated", "column", "words"),
+    [
+        ("arm", True, "temperature of the arm"),
+        ("", True, "temperatures of arm or air (`temperature_of` does not say which)"),
+        ("arm", False, "no temperatures"),
+    ],
+)
+def test_what_is_known_of_temperatures(tmp_path, good, stated, column, words):
+    settings = good[0] if stated else good[0].replace("temperature_of: arm\n", "")
+    write(tmp_path, settings, good[1] if column else without(good[1], "temperature_c"))
+    assert f"; {words} model" in " ".join(str(bc.check(tmp_path)).split())
+
+
 def test_a_fit_of_copied_rows_says_so(tmp_path, good):
     """`check` finds copies; who does not run it must read of them all the same."""
     settings, rows = good
