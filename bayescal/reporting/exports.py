@@ -19,7 +19,7 @@ from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import plain, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, screen
-from bayescal.reporting.shared.text import MM, facts, model_label, um, um2, under
+from bayescal.reporting.shared.text import MM, facts, listed, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
 from bayescal.verifying.result import Verification
 
@@ -121,6 +121,7 @@ def record(v: Verification) -> dict[str, Any]:
         "not_in_file_rms_um": {name: 1e6 * size for name, size in v.missing.items()},
         "use": v.arm.use.record(),
         "passed": v.passed,
+        "worse": _worse(v.gap),
         "measured": None,
     }
     if v.gap is not None:
@@ -142,6 +143,22 @@ def _measured(gap: Gap) -> dict[str, dict[str, Any]]:
         | {key: plain(1e6 * size) for key, size in zip(MEASURED, sizes, strict=True)}
         for kind, sizes in errors.items()
     }
+
+
+def _worse(gap: Gap | None) -> list[str]:
+    """Kinds of measurements whose errors the file makes larger than the arm before had."""
+    return [] if gap is None else [kind for kind, size in gap.after.items() if size > gap.before[kind]]
+
+
+def _worse_words(v: Verification) -> str:
+    """What is worse with the file, and what to do; "" for nothing."""
+    if v.gap is None or not (kinds := _worse(v.gap)):
+        return ""
+    each = listed([f"{kind} ({um(v.gap.after[kind])} µm, {um(v.gap.before[kind])} before)" for kind in kinds])
+    words = f"the file has larger errors than before ({v.gap.before_is}): {each}"
+    less = shlex.quote(",".join(v.missing))
+    remedy = f"; export to a format that holds these effects, or with --without {less}"
+    return f"{words}{remedy if v.missing else ''}"
 
 
 def report(v: Verification) -> RenderableType:
@@ -169,7 +186,9 @@ def report(v: Verification) -> RenderableType:
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
         load = f"; it carries {v.carried:.3g} kg beside the tool of the session" if v.carried > 1e-6 else ""
         verdict = Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm){load}", style="red")
-    return screen(Text(title, style="bold"), Sheet(LEVELS, v.levels), measured, lacking, *remarks, verdict)
+    worse = Text(words, style="red") if (words := _worse_words(v)) else None
+    head = Text(title, style="bold"), Sheet(LEVELS, v.levels), measured
+    return screen(*head, lacking, *remarks, worse, verdict)
 
 
 LEVELS = (

@@ -125,6 +125,14 @@ def test_the_page_states_what_an_unmodelled_error_does_and_the_members_of_a_clas
     assert f"possibly {OTHER}" not in text
 
 
+@pytest.mark.parametrize(("model", "to"), [(["geometry"], "urdf"), (["geometry", "compliance"], "mjcf")])
+def test_the_format_that_is_advised_holds_the_model(saved, model, to):
+    record = json.loads((saved[0] / "fit.json").read_text()) | {"model": model}
+    record["use"] |= {"next": "use"}
+    text = words(run_page(Run("fit", record, "x")))
+    assert re.findall(r"bayescal export x --to (\S+)", text) == [to]
+
+
 def test_a_camera_session_is_exported_as_a_hand_eye_too(saved):
     record = json.loads((saved[0] / "fit.json").read_text())
     record["use"] |= {"next": "use"}

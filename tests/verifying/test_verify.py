@@ -206,6 +206,16 @@ def test_before_and_after_of_a_urdf_are_of_its_geometry(run, urdf, monkeypatch):
     assert planes["before_rms_um"] == pytest.approx(planes["after_rms_um"], rel=0.01)
 
 
+def test_a_file_that_is_worse_than_the_arm_before_says_so(run, urdf):
+    """The springs of an arm are in an MJCF file and not in a URDF."""
+    complete, lacking = bc.verify(run / "fit", run / "arm.xml"), bc.verify(run / "fit", urdf)
+    assert (complete.record["worse"], lacking.record["worse"]) == ([], ["distances"])
+    assert "larger errors" not in str(complete)
+    text = " ".join(str(lacking).split())
+    assert "the file has larger errors than before (nominal): distances (" in text
+    assert "export to a format that holds these effects, or with --without compliance" in text
+
+
 SIDECARS = {
     "no format": (lambda s: s.pop("format"), "`format`: Field required"),
     "no row": (lambda s: s["state"].pop("row"), r"`state\.row`: Field required"),

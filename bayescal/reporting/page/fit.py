@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from markupsafe import Markup
 
+from bayescal.effects import named
 from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted.gate import STEPS
 from bayescal.reporting.figures.distances import levelled
@@ -135,10 +136,11 @@ def _next(run: Run) -> list[tuple[str, str]]:
         return [(words, gap)]
     if use["next"] != "use":
         return [(words, "")]
+    rigid = all(named(name)[0].dimensions for name in run.record["model"])  # all that a URDF holds
     export = f"bayescal export {folder} --to"
     cameras = [("Export where camera and board are.", f"{export} hand-eye")]
     return [
-        (words, f"{export} urdf"),
+        (words, f"{export} {'urdf' if rigid else 'mjcf'}"),
         *(cameras if run.record.get("images") else []),
         ("Check whether effects remain that the model lacks.", gap),
     ]
