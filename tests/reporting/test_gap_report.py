@@ -1,5 +1,6 @@
 """Outputs of a diagnosis: gap.json by the contract, a summary of one screen, four figures."""
 
+import html
 import json
 import re
 import shlex
@@ -685,6 +686,11 @@ def test_a_column_that_would_show_another_cause_is_in_the_headline(session):
         text = " ".join(printed(gap).split())
         assert "to show backlash or latency: record j1_degps ..." in text
         assert "plane-form" not in text  # no plane is not a lack of a record: only the page states it
+        page = html.unescape(run_page(Run("gap", record | {"next": [], "undecided": []}, "x")))
+        assert "To show backlash or latency: record j1_degps ..." in page
+        assert "No further measurements" not in page
+        plans = [words in page for words in ("are those of bayescal plan", "bayescal plan x/dataset")]
+        assert plans == 2 * [kind != "named"]
     gap = diagnosis(session, "null")
     gap = replace(gap, verdict=replace(gap.verdict, missing=reasons))
     assert not any(w.startswith("Not excluded") for w in gap_record(gap)["words"])

@@ -353,6 +353,11 @@ def table_of_contacts(contacts: Sequence[Json]) -> str:
     return csv_text(head, rows)
 
 
+def unshown(record: Json) -> dict[str, list[str]]:
+    """Effects that may explain an error, by the columns that the session lacks for them."""
+    return {} if record["verdict"] == "null" else record.get("not_excluded", {})
+
+
 def measured_as(record: Json, contacts: Sequence[Json]) -> str:
     """Whether contacts that are advised are images of a camera, or contacts."""
     cameras = {found["target"] for found in record.get("images", ())}

@@ -221,17 +221,14 @@ def _next(record: Json) -> Facts:
         what = f"{listed(sheets.pair_of(record, a['separates']), 'from')}: {a['what']}{more}"
         detectability = f"(detectability {a['lambda_before']:.0f} to {a['lambda_after']:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
-    for k, (columns, effects) in enumerate(_unshown(record).items(), start=len(record["next"])):
+    for k, (columns, effects) in enumerate(sheets.unshown(record).items(), start=len(record["next"])):
         yield "" if k else "measure next", f"to show {listed(effects, 'or')}: record {columns}", ""
-
-
-def _unshown(record: Json) -> dict[str, list[str]]:
-    return {} if record["verdict"] == "null" else record["not_excluded"]
 
 
 def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
-    shown = {name for names in _unshown(record).values() for name in names}  # above, with what to record
+    # said above, with what to record
+    shown = {name for names in sheets.unshown(record).values() for name in names}
     lacking = {n: why for n, why in not_assessed(record).items() if n not in shown and why not in ELSEWHERE}
     reasons = by_reason(lacking)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")

@@ -11,7 +11,7 @@ from bayescal.reporting.gap import sheets
 from bayescal.reporting.gap.phrases import LIKELY
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import DRAWN, draw_arm, marked_sites
-from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
+from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, blocks, texts
 from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.reporting.shared.text import (
@@ -201,8 +201,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
             out.append((words, f"bayescal fit {dataset}{options}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
-    open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
-    if open_ and record.get("plannable", True) and not record["dataset"].get("sessions"):
+    if _planned(record):
         advised = [c for advice in record["next"] for c in advice["contacts"]]
         images = sheets.measured_as(record, advised) == "image"
         what, count = ("Take the images", "") if images else ("Measure the contacts", " --contacts 60")
@@ -214,6 +213,12 @@ def _next(run: Run) -> list[tuple[str, str]]:
         first = ("Find what makes errors larger than the noise, and measure again.", "")
         out.insert(0, first if sheets.exceeds(record) else as_it_is)
     return out or [("Inspect the location that is marked, and measure again.", "")]
+
+
+def _planned(record: Json) -> bool:
+    """Whether `bayescal plan` can choose what decides between explanations."""
+    open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
+    return bool(open_ and record.get("plannable", True) and not record["dataset"].get("sessions"))
 
 
 def effects(run: Run) -> Section | None:
@@ -246,8 +251,12 @@ def advice(run: Run) -> Section | None:
     caption = "Further measurements; detectability: noncentrality before and after"
     pairs = [a | {"separates": sheets.pair_of(run.record, a["separates"])} for a in run.record["next"]]
     table = Sheet(sheets.ADVICE, pairs, caption)
-    nothing = None if run.record["next"] else Text("No further measurements are proposed.")
-    return blocks("next", "What to measure next", table, nothing)
+    columns = sheets.unshown(run.record).items()
+    further = [f"To show {listed(effects, 'or')}: record {names}." for names, effects in columns]
+    if not run.record["next"] and _planned(run.record):
+        further.insert(0, "The measurements that decide between the explanations are those of bayescal plan.")
+    nothing = () if run.record["next"] or further else ("No further measurements are proposed.",)
+    return blocks("next", "What to measure next", table, *texts([*further, *nothing]))
 
 
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
