@@ -100,6 +100,8 @@ OTHERWISE = {
     "redundant": ("no measurement depends on them", "nothing needs to be done"),
 }
 """Reason and remedy of what no change determines."""
+COMBINED = "no measurement depends on each by itself"
+"""Reason for redundant combinations of parameters of which other combinations are measured."""
 
 
 @dataclass(frozen=True)
@@ -215,6 +217,8 @@ def _described(
     else:
         reason, remedy = OTHERWISE[state]
     parameters = tuple(n for n, own in zip(names, shown, strict=True) if own)
+    if state == "redundant" and v.shape[1] < len(parameters):
+        reason = COMBINED
     what = known.direction(v[:, 0]).words if v.shape[1] == 1 else _listed(parameters, v.shape[1])
     return Undetermined(
         parameters, v.shape[1], what, changes, state,

@@ -50,6 +50,11 @@ class Site:
         return Site(self.kind) if self.kind in PLAIN else self
 
     @property
+    def of_arm(self) -> bool:
+        """Whether it is on the arm or its base, not on tool, camera, probe or target."""
+        return bool(self.number) or self.anywhere in (BASE, ARM)
+
+    @property
     def also(self) -> tuple[Site, ...]:
         """Sites that include it: a joint includes its link."""
         return (joint(self.number), self) if self.kind == "link" else (self,)

@@ -23,7 +23,7 @@ COMPARE = "compare.json"
 SCHEMA = "bayescal-compare/1"
 
 LOCATED = (
-    "targets are located by the stated noise; fit estimates the noise of each model: its nominal differs"
+    "targets are located by the stated noise; fit estimates the noise of each model: its errors may differ"
 )
 """Why the errors of the nominal arm are not those of a fit."""
 NO_ERRORS = "no validation measurements, so no errors: withhold some rows (role `validate`)"

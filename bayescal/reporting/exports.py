@@ -62,12 +62,13 @@ def export_summary(export: Exported) -> RenderableType:
     arm = export.arm
     m = arm.dataset.measurements
     tools = {p.name for p in arm.model.parameters if p.effect == TOOL.name}
-    held = len({i.parameter for i in export.written.items} - tools)
+    of_arm = {p.name for p in arm.model.parameters if p.site.of_arm}
+    held = len({i.parameter for i in export.written.items} & of_arm)
     time = "" if m.time is None else f" ({m.time[export.options.state]:.0f} s)"
     rows = [
         ("arm", f"{arm.dataset.robot.name}, session {arm.dataset.name}", ""),
         ("model", model_label(arm.effects), ""),
-        ("format", f"{export.format}: {held} of {len(arm.values) - len(tools)} parameters of the arm", ""),
+        ("format", f"{export.format}: {held} of {len(of_arm)} parameters of the arm", ""),
         ("tool", f"its {len(tools)} parameters are in the sidecar", ""),
     ]
     if any(m.why.startswith("changes") for m in export.missing):

@@ -122,6 +122,8 @@ def test_a_good_session_leaves_nothing_but_redundant_parameters(cube):
     found = undetermined(fitted, identifiability(fitted))
     assert [(u.state, u.parameters) for u in found] == [("redundant", ("d2", "d3"))]
     assert not any(u.matters or u.hidden for u in found)
+    words = "only the combination d2 + d3 is identifiable (no effect with this tool)"
+    assert found[0].cause == f"{words}, because no measurement depends on each by itself"
 
 
 def test_the_stated_change_is_enough(cube, tracker, lrmate):

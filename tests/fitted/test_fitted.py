@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -353,6 +354,12 @@ def result():
 def test_a_good_fit_passes(result):
     assert of_fit(result.data).use.against == ()
     assert bc.export(result, "urdf").record["notes"][-1].startswith("joint values of the file")
+
+
+def test_a_fit_and_its_export_count_the_same_parameters_of_the_arm(result):
+    fitted = re.search(r"(\d+) parameters of the arm and 3 of tool", text_of(result.report()))
+    exported = re.search(r"of (\d+) parameters of the arm", text_of(bc.export(result, "mjcf").report()))
+    assert int(fitted[1]) == int(exported[1]) == len(result.data.final.estimate.model.parameters) - 3
 
 
 def test_doubts_of_the_verdict_are_said_where_the_arm_is_used(result):

@@ -56,6 +56,7 @@ def test_of_a_null_log_nothing_is_named(gaps):
     gap = gaps["null"]
     assert gap.verdict == "null"
     assert gap.effects == ()
+    assert re.fullmatch(r"No effect above noise \(.* above 0\.\d\d?\)\.", gap.record["words"][0])
     assert max(p for n, p in gap.probability.items() if n != "null") < 0.5
     assert gap.shrinkage.before_rms_Nm.to_list() == gap.shrinkage.after_rms_Nm.to_list()
 

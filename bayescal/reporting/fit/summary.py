@@ -28,6 +28,7 @@ from bayescal.reporting.shared.text import (
     UM,
     Facts,
     facts,
+    listed,
     model_options,
     percent,
     two_digits,
@@ -186,7 +187,10 @@ def _details(fit: Fit, record: Json, verbose: bool) -> Facts:
     model, scatter = estimate.model, level.unexplained
     count = sum(len(b.rows) for b in model.states)
     targets = f"{len(model.states)} target{'s' if len(model.states) > 1 else ''}"
-    parameters = f"{len(model.parameters)} arm parameters from {count} measurements on {targets}"
+    beside = [p.site.kind for p in model.parameters if not p.site.of_arm]
+    parameters = f"{len(model.parameters) - len(beside)} parameters of the arm"
+    parameters += f" and {len(beside)} of {listed(list(dict.fromkeys(beside)))}" if beside else ""
+    parameters += f" from {count} measurements on {targets}"
     yield "fitted", f"{', '.join(level.effects)}: {parameters}", ""
     repeats = ""
     if scatter.repeats is not None:

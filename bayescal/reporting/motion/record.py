@@ -18,7 +18,7 @@ from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
 from bayescal.motion.verdict import OTHER
-from bayescal.reporting.motion.sheets import size_text
+from bayescal.reporting.motion.sheets import LEAST, size_text
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import entry, plain, record_of, software
 from bayescal.reporting.shared.text import SURE, listed, probability
@@ -230,7 +230,7 @@ def words(gap: MotionGap) -> list[str]:
     if v.kind == "ambiguous":
         out.append(f"Ambiguous: {listed([_member(name) for name in v.credible], 'or')}.")
     if v.kind == "null":
-        largest = max((p for n, p in v.probability.items() if n != "null"), default=0.0)
+        largest = max((LEAST, *(p for n, p in v.probability.items() if n != "null")))
         out.append(f"No effect above noise (no other cause has a probability above {largest:.2g}).")
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
