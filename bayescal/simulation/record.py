@@ -105,27 +105,36 @@ def draws(options: Options, model: Model) -> np.ndarray:
 
 
 def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
-    """The true targets: with a small error of position, and in agreement with their certificates."""
-    rng = stream(options.seed, "targets")
+    """The true targets: with a small error of position, and in agreement with their certificates.
+
+    They are placed anew in every session; sessions of one arm have the same cube and artefact.
+    """
+    streams = [stream(seed, "targets") for seed in (options.seed, options.seed_of_arm)]
+
+    def drawn(sd: float, size: tuple[int, ...] = (3,)) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of a placement, and of what is placed."""
+        placed, made = (rng.normal(0, sd, size) for rng in streams)
+        return placed, made
+
     cube, out = scenery.cube, []
-    turn, shift = rpy_matrix(rng.normal(0, ANGLE_SD, 3)), rng.normal(0, PLACE_SD, 3)
+    turn, shift = rpy_matrix(drawn(ANGLE_SD)[0]), drawn(PLACE_SD)[0]
     for face in scenery.faces:
-        tilt = rpy_matrix(rng.normal(0, U_ANGLE / np.sqrt(2), 3))
+        tilt = rpy_matrix(drawn(U_ANGLE / np.sqrt(2))[1])
         normal = tilt @ turn @ cube.normal(face)
-        middle = cube.edge / 2 + rng.normal(0, U_DISTANCE / np.sqrt(2))
+        middle = cube.edge / 2 + float(drawn(U_DISTANCE / np.sqrt(2), ())[1])
         offset = normal @ (cube.centre + shift) + middle * (normal @ (turn @ cube.normal(face)))
         out.append(Target(f"cube.{face}", "plane", {"normal": normal, "offset": float(offset)}))
     placements, spheres = scenery.spheres.shape[:2]
-    made = rng.normal(0, 50e-6, (spheres, 3))  # manufacturing errors of the artefact, which is certified
-    diameters = rng.normal(scenery.diameter, U_SPHERE, (spheres,))
+    made = drawn(50e-6, (spheres, 3))[1]  # manufacturing errors of the artefact, which is certified
+    diameters = scenery.diameter + drawn(U_SPHERE, (spheres,))[1]
     names = iter(sphere_names(placements, spheres))
     # nominal frame: that of the first placement
     drawing = scenery.spheres[:1].sum(axis=0)
     drawing = drawing - drawing.mean(axis=0, keepdims=True) if spheres else drawing
     for centres in scenery.spheres:
         middle = centres.mean(axis=0)
-        turn = rpy_matrix(rng.normal(0, ANGLE_SD, 3)) @ alignment(centres - middle, drawing)
-        shift = rng.normal(0, PLACE_SD, 3)
+        turn = rpy_matrix(drawn(ANGLE_SD)[0]) @ alignment(centres - middle, drawing)
+        shift = drawn(PLACE_SD)[0]
         for k in range(spheres):
             centre = middle + shift + turn @ (drawing[k] + made[k])
             out.append(Target(next(names), "sphere", {"centre": centre, "diameter": float(diameters[k])}))
@@ -137,7 +146,7 @@ def distance_certificates(
 ) -> tuple[Certificate, ...]:
     """Certified distances of the spheres of the artefact: a value per pair, for all placements."""
     placements, spheres = scenery.spheres.shape[:2]
-    names, rng = sphere_names(placements, spheres), stream(options.seed, "paper")
+    names, rng = sphere_names(placements, spheres), stream(options.seed_of_arm, "paper")
     centre_of = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
     pairs = list(combinations(range(spheres), 2)) if placements else []
     said = [

@@ -37,11 +37,11 @@ NOT_NEGATIVE = (
 class Options:
     """A session to simulate. Counts are of contacts, except `spheres` of an artefact and its `placements`.
 
-    `arm_seed` is the seed of the true arm and its tool, to simulate another session of the same arm; None
-    for the seed of the session. `contacts` are for calibration, including repeats (groups of four); `later`
-    are on the same faces, for validation. `error_scale` multiplies every deviation of the true arm.
-    `noise` (m) is the noise of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction of
-    gross contacts, `payload` (kg) is attached for half of the plane contacts.
+    `arm_seed` is the seed of the true arm, its tool and the artefacts, to simulate another session of the
+    same arm; None for the seed of the session. `contacts` are for calibration, including repeats (groups of
+    four); `later` are on the same faces, for validation. `error_scale` multiplies every deviation of the true
+    arm. `noise` (m) is the noise of a contact, `joint_noise` (rad) that of a reading, `outliers` the fraction
+    of gross contacts, `payload` (kg) is attached for half of the plane contacts.
     """
 
     robot: str = "fanuc-lrmate200ic"

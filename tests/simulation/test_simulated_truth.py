@@ -14,7 +14,7 @@ from bayescal.model.scene import Scene
 from bayescal.probing.artefacts import LARGE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
-from bayescal.simulation.record import key_of, noise, true_targets
+from bayescal.simulation.record import distance_certificates, key_of, noise, true_targets
 from factors.kind import tangents
 
 KEYS = {"theta": ("rz", 1), "d": ("tz", 1), "alpha": ("rx", 1), "a": ("tx", 1), "beta": ("ry", 1)}
@@ -202,3 +202,32 @@ def test_settings_are_simulated_too(tmp_path):
     np.testing.assert_array_equal(p.terms[0].driver, np.arange(len(s.shift)) >= 19)
     with pytest.raises(BayescalError, match="--effects: geometry has no setting"):
         simulate(Options(effects=("geometry@3",), **LITTLE))
+
+
+def test_sessions_of_one_arm_have_the_same_cube_and_artefact():
+    """They are placed anew: faces at the same angles and distances, spheres at the same certified lengths."""
+    cube, faces = Cube(np.array([0.45, 0.0, 0.15]), np.eye(3), LARGE.edge), ("+y", "-y", "-x", "+z")
+    places = np.array([[[0.4, 0.1, 0.1], [0.5, 0.1, 0.1], [0.4, 0.3, 0.1]]])
+    scenery = Scenery(cube, faces, np.concatenate([places, places + 0.2]), LARGE.diameter)
+
+    def shape(seed, arm):
+        options = Options(seed=seed, arm_seed=arm)
+        true = true_targets(options, scenery)
+        normals = np.array([t.values["normal"] for t in true[:4]])
+        offsets = [t.values["offset"] for t in true[:2]]
+        centres = np.array([t.values["centre"] for t in true[4:7]])
+        stated = [c.distance for c in distance_certificates(options, scenery, true)]
+        apart = np.linalg.norm(centres[:, None] - centres[None], axis=2)
+        return np.r_[
+            (normals @ normals.T).ravel(),
+            sum(offsets) + (normals[0] + normals[1]) @ -cube.centre,
+            apart.ravel(),
+            stated,
+            [t.values["diameter"] for t in true[4:7]],
+        ], normals
+
+    (one, placed), (two, again), (other, _) = shape(5, 5), shape(6, 5), shape(6, 6)
+    assert one[:16] == pytest.approx(two[:16], abs=1e-6)
+    assert one[17:] == pytest.approx(two[17:], abs=2e-9)
+    assert np.abs(two[17:] - other[17:]).max() > 1e-6
+    assert np.abs(placed - again).max() > 1e-5
