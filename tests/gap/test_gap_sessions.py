@@ -370,7 +370,7 @@ def two():
     effects = {"A": USUAL, "B": (*USUAL, "base-compliance")}
     made = [
         simulate(Options(name=name, seed=k, effects=own, **ONE_SESSION_LITTLE)).dataset
-        for k, (name, own) in enumerate(effects.items(), 1)
+        for k, (name, own) in enumerate(effects.items(), 11)
     ]
     return joined([plain(d) for d in made], own_noise=False)
 
