@@ -43,19 +43,21 @@ class Estimate:
     @property
     def limits(self) -> tuple[str, ...]:
         """What limits the log, as sentences."""
-        log, stuck, band = self.parts[0].log, self.parts[0].stuck, self.parts[0].band
+        first, words = self.parts[0], list[str]()
+        log, stuck = first.log, first.stuck
         if log.torque_kind == SERVO:
             return log.limits
+        if first.band < SIGNALS.band:
+            words.append(f"accelerations are noise above {first.band:.1f} Hz: what is faster is not assessed")
+        if first.wider > 1.0:
+            words.append(f"noise counts as {first.wider:.2g} times as large for what they have below")
+        if any(np.any(s.unsure > SIGNALS.blurred) for s in self.parts):
+            words.append("rows about reversals are left out where speeds are noise")
         said = list(log.limits)
-        if band < SIGNALS.band:
-            words = [f"accelerations are noise above {band:.1f} Hz: what is faster is not assessed"]
-            if (times := self.parts[0].wider) > 1.0:
-                words.append(f"noise counts as {times:.2g} times as large for what they have below")
-            if np.any(self.parts[0].unsure > SIGNALS.blurred):
-                words.append("rows about reversals are left out")
+        if words:
             said.append("; ".join((*words, "log positions with more digits, or at a higher rate")))
         if stuck is not None:
-            share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
+            share = 1.0 - float(np.mean(np.concatenate([s.free for s in self.parts])))
             wider = f"noise counts as {NOISE.stuck:g} times as large for it"
             strong = f", with those about reversals; {wider}" if stuck else ""
             held = f"stiction holds joints at rest: {share:.0%} of their rows are left out{strong}"

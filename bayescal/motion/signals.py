@@ -57,15 +57,19 @@ class Signals:
 
         0 where stiction holds a joint with any torque, and about a reversal whose time is not known.
         """
-        weight = np.broadcast_to(np.where(self.telling, 1.0, 0.0), self.q.shape)
-        servo = self.log.torque_kind == SERVO
-        if self.stuck is not None:
-            limits = SERVOS.held if servo else SIGNALS.held
-            weight = weight * _faster(self.dq, np.array(limits)[:, None], self.stuck / self.step)
-        if servo:
+        weight = np.where(self.telling, self.free, 0.0)
+        if self.log.torque_kind == SERVO:
             return weight
         known = _faster(self.dq, np.multiply.outer(SIGNALS.still, self.unsure), 0.5 / self.band / self.step)
         return np.where(self.unsure > SIGNALS.blurred, weight * known, weight)
+
+    @property
+    def free(self) -> np.ndarray:
+        """The part (N, n) of these weights that stiction decides."""
+        if self.stuck is None:
+            return np.broadcast_to(1.0, self.q.shape)
+        limits = SERVOS.held if self.log.torque_kind == SERVO else SIGNALS.held
+        return _faster(self.dq, np.array(limits)[:, None], self.stuck / self.step)
 
     @property
     def rests(self) -> np.ndarray:

@@ -19,10 +19,10 @@ from bayescal.exporting.log_arm import mechanism_of_run, text_of, values_of
 from bayescal.exporting.written import mujoco
 from bayescal.logs import Log, Mechanism, read_log
 from bayescal.logs.types import SERVO, VALIDATE
-from bayescal.motion.controller import Law, law_of, with_controller
+from bayescal.motion.controller import Law, law_of
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import Scale
-from bayescal.motion.estimate import estimated
+from bayescal.motion.estimate import Estimate, estimate_of
 from bayescal.motion.filters import derivative, low_passed
 from bayescal.motion.fit_settings import CONTROLLER
 from bayescal.motion.named import NamedArm, effect_of, named_arm
@@ -30,7 +30,7 @@ from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap, Tracking
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
-from bayescal.motion.signals import Signals, all_signals
+from bayescal.motion.signals import Signals
 from bayescal.motion.terms import nominal as at_nominal
 from bayescal.storage.reading import decoded, run_record
 
@@ -276,8 +276,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     nominal = simulator.MjModel.from_xml_string(nominal_arm(log).text)
     for arm in (model, nominal):
         arm.jnt_limited[:] = 0  # a machine may stand at the limits of its file
-    values, parts = values_of(record), with_controller(all_signals(log))
-    log = parts[0].log
+    values, estimate = values_of(record), estimate_of(log)  # in the band of the run
+    parts, log = estimate.parts, estimate.parts[0].log
 
     def each(name: str) -> np.ndarray:
         return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
@@ -312,17 +312,16 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         nominal=rms(before),
         fitted=rms(after),
         rows=sum(map(len, after)),
-        tracking=replayed(simulator, log, parts, _arms(log, parts, fitted, values, text)),
+        tracking=replayed(simulator, log, parts, _arms(log, estimate, fitted, values, text)),
     )
 
 
 def _arms(
-    log: Log, parts: tuple[Signals, ...], fitted: Mechanism, values: Mapping[str, float], text: str
+    log: Log, estimate: Estimate, fitted: Mechanism, values: Mapping[str, float], text: str
 ) -> dict[str, Arm]:
     """The arms to be replayed: nominal, fitted, and with the effects of a diagnosis."""
-    if isinstance(law_of(log, parts), str):
+    if isinstance(law_of(log, estimate.parts), str):
         return {}
-    estimate = estimated(parts)
     named = any(map(effect_of, values))
     scale = Pool.of(estimate).scale if named else Scale(estimate.rms, estimate.rms, 0.0)
     arm = arm_in_file(NamedArm(estimate, scale, fitted, log.gravity, values), text)

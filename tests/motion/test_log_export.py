@@ -141,6 +141,19 @@ def test_the_exported_arm_needs_the_torques_that_were_measured(run, tmp_path):
     assert bc.verify(late, file).data.fitted == pytest.approx(bc.verify(run, file).data.fitted, rel=0.03)
 
 
+def test_errors_of_a_coarse_log_are_those_of_its_fit(tmp_path):
+    """Positions are differentiated in the band of the fit: a wider one has ten times the noise."""
+    path = next(write(tmp_path / "log").glob("*.csv.gz"))
+    table, step = pd.read_csv(path), 360.0 / 4096
+    angles = [name for name in table.columns if name.startswith("q")]
+    table[angles] = step * np.round(table[angles] / step)
+    table.to_csv(path, index=False)
+    fit = bc.fit(tmp_path / "log", samples=20)
+    fit.save(tmp_path / "run")
+    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
+    assert bc.verify(tmp_path / "run", file).data.fitted == pytest.approx(fit.withheld.rms_Nm, rel=0.3)
+
+
 def test_another_arm_is_not_the_one_that_was_fitted(run, tmp_path):
     text = bc.export(run, "mjcf").content
     wrong = tmp_path / "wrong.xml"

@@ -245,7 +245,7 @@ def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log,
 
     found = diagnose(replace(log, motions=tuple(map(coarse, log.motions))))
     assert found.verdict.kind == "null"
-    assert "rows about reversals are left out" in found.warnings[-1]
+    assert "rows about reversals are left out where speeds are noise" in found.warnings[-1]
     assert said in found.warnings[-1]
 
 
@@ -260,6 +260,21 @@ def test_rows_about_a_reversal_do_not_count_where_speeds_are_noise(null_parts):
     assert np.all(s.weight[slow, 1] == 0.0)
     assert np.all(s.weight[near < SIGNALS.still[0] * noise, 1] == 0.0)
     assert np.all(s.weight[near > SIGNALS.still[1] * noise, 1] == 1.0)
+
+
+def test_rows_that_are_left_out_are_said_and_counted_by_their_reason(null_estimate):
+    """Those about reversals in any band; a joint whose torque tells nothing is not held by stiction."""
+    assert null_estimate.limits == null_estimate.parts[0].log.limits
+
+    def said(**of_parts):
+        parts = tuple(s.changed(**of_parts) for s in null_estimate.parts)
+        return replace(null_estimate, parts=parts).limits[-1]
+
+    noisy = np.full(3, 2.0 * SIGNALS.blurred)
+    assert said(unsure=noisy).startswith("rows about reversals are left out where speeds are noise")
+    held = said(stuck=0.05)
+    assert "stiction holds joints at rest" in held
+    assert said(stuck=0.05, unsure=noisy, telling=np.array([True, False, True])) == held
 
 
 def test_what_is_beyond_the_band_of_the_drives_is_not_made_a_name(null_parts):
