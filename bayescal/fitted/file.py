@@ -37,6 +37,8 @@ from bayescal.storage.reading import read_record
 
 SCHEMA = "bayescal-arm/1"
 ARM_FILE, COPY = "arm.json", "dataset"
+IMAGES = "field", "power"
+"""What a fit tells of the noise of images beside what a dataset states (`dataset.Noise`)."""
 OF_LOG = "arm.yaml"
 """The arm in a run folder of a joint log."""
 ROUNDING = 1e-6
@@ -75,6 +77,8 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
             "folders": list(_folders(dataset)),
             "remounted": remounted,
             "own_noise": own_noise,
+            # no dataset file states errors of images themselves
+            "image_errors": {key: getattr(dataset.noise, key) for key in IMAGES},
         },
         "model": list(arm.effects),
         "without": list(options.omitted),
@@ -185,8 +189,9 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     of = record["dataset"]
     sessions = [read_dataset(copy, judge=False) for copy in _copies(of["folders"], folder)]
     dataset = joined(sessions, of["remounted"], of["own_noise"])
+    noise = replace(dataset.noise, **of.get("image_errors", {}))  # runs of earlier versions have none
     # the hash is that of the user's files, of which the copy has the values
-    scene = Scene(replace(dataset, sha256=of["sha256"] or dataset.sha256), oriented=True)
+    scene = Scene(replace(dataset, noise=noise, sha256=of["sha256"] or dataset.sha256), oriented=True)
     effects = tuple(record["model"])
     entries = {e["name"]: e for e in record["parameters"]}
 

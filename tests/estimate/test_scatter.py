@@ -13,6 +13,8 @@ from bayescal.calibration import fit
 from bayescal.dataset import Noise
 from bayescal.estimate.estimate import calibrated
 from bayescal.estimate.scatter import scatter_of, with_scatter
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.file import read_arm, write_arm
 from bayescal.model.scene import Scene
 
 
@@ -73,10 +75,9 @@ def test_a_fit_weighs_images_by_them_and_says_so(step, verdict):
     assert np.mean(np.abs(off) < 1.96) > 0.85
 
 
-@pytest.mark.parametrize("power", [0, 1, 2])
-def test_errors_of_images_themselves_are_not_those_of_readings(power):
-    """Shifts, as of a stabiliser, and errors that vary smoothly over the corners, as of blur."""
-    session, size = images(6), 0.3
+def smoothly(size, power):
+    """A session, and the same with an error of each image: polynomials of the place of a corner, px."""
+    session = images(6)
     m, rng = session.measurements, np.random.default_rng(power)
     pixel = m.pixel.copy()
     for reading in np.unique(m.readings, axis=0):
@@ -85,7 +86,13 @@ def test_errors_of_images_themselves_are_not_those_of_readings(power):
         x, y = (place / place.std(axis=0)).T
         shapes = [np.ones_like(x), x, y, x**2 - 1.0, x * y, y**2 - 1.0][: (1, 3, 6)[power]]
         pixel[rows, :2] += size * (rng.normal(size=(2, len(shapes))) @ shapes).T
-    wrong = with_columns(session, pixel=pixel)
+    return session, with_columns(session, pixel=pixel)
+
+
+@pytest.mark.parametrize("power", [0, 1, 2])
+def test_errors_of_images_themselves_are_not_those_of_readings(power):
+    """Shifts, as of a stabiliser, and errors that vary smoothly over the corners, as of blur."""
+    size, (session, wrong) = 0.3, smoothly(0.3, power)
     found = told(wrong)
     assert found.power == power
     assert found.u == pytest.approx(size / session.noise.pixel, rel=0.3)
@@ -95,6 +102,16 @@ def test_errors_of_images_themselves_are_not_those_of_readings(power):
     assert scatter_of(fitted) is None
     assert fitted.weights.scale["pixel"] == pytest.approx(1.0, abs=0.15)
     assert "every image has an error of its own" in found.words
+
+
+def test_a_run_folder_keeps_errors_of_images(tmp_path):
+    """No dataset file states them: a budget, which is computed again, would have another uncertainty."""
+    _, wrong = smoothly(0.3, 2)
+    found = fit(unstated(wrong), ("geometry",), samples=0)
+    write_arm(of_fit(found), tmp_path)
+    again = read_arm(tmp_path)
+    assert again.dataset.noise.field == found.final.estimate.model.scene.dataset.noise.field > 0.0
+    assert again.dataset.noise.power == 2
 
 
 def test_errors_of_readings_stand_where_those_of_images_have_no_size(monkeypatch):
