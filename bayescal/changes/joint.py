@@ -23,7 +23,7 @@ from bayescal.effects import EFFECTS, Circumstances, Parameter, Session, paramet
 from bayescal.effects.common import within
 from bayescal.effects.location import ARM as WHOLE
 from bayescal.effects.location import BASE, NUMBERED, TOOL, Site, face, joint
-from bayescal.effects.vocabulary import Effect
+from bayescal.effects.vocabulary import PLACEMENT, Effect
 from bayescal.errors import FAILURES, BayescalError
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.estimate import settled
@@ -205,9 +205,9 @@ def _sessions(p: Parameter, parts: Sequence[Session], fitted: np.ndarray) -> int
     return sum(bool(np.any((acts & s.rows)[fitted])) for s in parts)
 
 
-def _change(p: Parameter, sd: float = 0.0) -> Parameter:
+def _change(p: Parameter) -> Parameter:
     """A parameter as a change of its value: zero without one."""
-    return replace(p, nominal=0.0, mean=None, positive=False, sd=sd or p.sd, effect="change")
+    return replace(p, nominal=0.0, mean=None, positive=False, effect="change")
 
 
 def _of_model(
@@ -232,11 +232,11 @@ def _of_model(
             zero = Parameter(f"{letter}{j}", unit, (Term(j, axis),), sd, site=joint(j))
             yield Item(zero.name, of, joint(j), "arm", (_change(zero),))
     if placed:
-        yield Item("base", "placement", BASE, "setup", tuple(_rigid("base", BASE, 1.0)))
+        yield Item("base", PLACEMENT, BASE, "setup", tuple(_rigid("base", BASE, 1.0)))
     for k, t in enumerate(dataset.targets):
         if t.name in placed and len(placed) > 1:
             rows = (dataset.measurements.target == k).astype(float)
-            yield Item(t.name, "placement", face(t.name), "setup", tuple(_rigid(t.name, face(t.name), rows)))
+            yield Item(t.name, PLACEMENT, face(t.name), "setup", tuple(_rigid(t.name, face(t.name), rows)))
 
 
 def _rigid(name: str, site: Site, rows: np.ndarray | float) -> Iterator[Parameter]:
@@ -246,7 +246,7 @@ def _rigid(name: str, site: Site, rows: np.ndarray | float) -> Iterator[Paramete
         p = Parameter(
             f"{name} {axis.removeprefix('t')}", unit, (Term(0, axis, rows),), MOVED[axis[0]], site=site
         )
-        yield _change(p)
+        yield replace(p, effect=PLACEMENT)
 
 
 def listed(c: Circumstances, effects: tuple[str, ...]) -> Iterator[tuple[Effect, list[Parameter]]]:

@@ -311,7 +311,7 @@ def detectable(found: search.Search, moves: np.ndarray) -> tuple[Detectable, ...
             value = _least(float(np.sum(g[np.ix_(at, at)])), prior[m] + float(np.log(1.0 - search.NONE)))
             tcp = moves[first[m.item] + k][:, fitted]
             size = float(np.sqrt(np.mean(np.sum(tcp**2, axis=0))))
-            if value is None or value > search.FREE:
+            if value is None or value > search.SCALES[-1]:  # beyond every prior of a change
                 out.append(Detectable(item, p, None, None))
             else:
                 out.append(Detectable(item, p, value * p.sd, value * size))

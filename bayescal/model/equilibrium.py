@@ -15,6 +15,7 @@ import numpy as np
 from bayescal.arm.chain import link_angles
 from bayescal.arm.statics import Stance
 from bayescal.effects import Parameter, compliances, parameters_of
+from bayescal.effects.vocabulary import PLACEMENT
 from bayescal.errors import BayescalError
 from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
@@ -28,8 +29,12 @@ SETTLED = 1e-13
 
 
 def standing(model: Model, values: np.ndarray) -> Scene:
-    """The scene with its gravity moments and compliances at the pose of the arm for deviations (P,), SI."""
+    """The scene with its gravity moments and compliances at the pose of the arm for deviations (P,), SI.
+
+    Where targets were placed anew, the arm stands as before: gravity in F0 is as stated.
+    """
     scene, motion = model.scene, model.motion(np.arange(len(model.scene.q)))
+    values = np.where([p.effect == PLACEMENT for p in model.parameters], 0.0, values)
     delta = motion.displacements(values)
     varies = [any(np.ndim(term.driver) for term in p.terms) for p in model.parameters]
     yields = motion.displacements(np.where(varies, values, 0.0))

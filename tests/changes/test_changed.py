@@ -9,12 +9,18 @@ from scipy.stats import multivariate_normal
 from sessions import misread, tracker, with_columns, with_rows
 
 import bayescal as bc
+from bayescal.arm.motion import Term
 from bayescal.changes import linear
 from bayescal.changes.joint import AT, Shift, prepared, tied
 from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
+from bayescal.effects import Parameter
+from bayescal.effects.location import BASE
+from bayescal.effects.vocabulary import PLACEMENT
 from bayescal.errors import BayescalError
+from bayescal.model import standing, with_parameters
+from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
 from bayescal.reporting.changed import _pose, difference, found_from, sized, words
@@ -54,6 +60,21 @@ def crashed(sessions):
     first = b.measurements.readings[0]
     targets = [Target("t:2", readings=first, payload=0.0, id="grasp"), Target("t:3", pose=far)]
     return changed([a, shifted(b)], ("geometry",), targets=targets)
+
+
+def test_gravity_stays_where_targets_are_placed_anew():
+    """Their place is a displacement of the base, by which gravity would turn in it."""
+    scene = Scene(bc.simulate(contacts=24, seed=2, repeats=0, spheres=0).dataset)
+
+    def moments(effect):
+        turn = Parameter("rx", "rad", (Term(0, "rx", 1.0),), 1e-2, site=BASE, effect=effect)
+        model = with_parameters(scene, (), (turn,))
+        return [standing(model, np.array([by])).moments for by in (0.0, 1e-2)]
+
+    still, placed = moments(PLACEMENT)
+    np.testing.assert_array_equal(placed, still)
+    still, tilted = moments("")
+    assert np.max(np.abs(tilted - still)) == pytest.approx(1e-2 * np.max(np.abs(still)), rel=0.5)
 
 
 def test_columns_integrated_out_have_the_density_of_brute_force():
