@@ -714,6 +714,7 @@ def test_noise_above_the_stated_one_is_in_the_headline_of_a_null(session, factor
         (0.95, 1e-4, 1.0, "Possible effect: ", ""),
         (0.995, 3e-5, 1.0, "Possible effect: ", ""),
         (0.95, 3e-5, 20.0, "Effect found: ", "log density +20 ± 6 nats"),
+        (0.95, 1e-5, 20.0, "Possible effect: ", ""),  # by wider predictions
     ],
 )
 def test_an_effect_that_calibration_rows_establish_is_found(session, probability, value, nats, word, proof):
@@ -721,7 +722,7 @@ def test_an_effect_that_calibration_rows_establish_is_found(session, probability
     gap = diagnosis(session, "named")
     (named_effect,) = gap.verdict.named
     amplitude = Amplitude(
-        "backlash", joint(3), Driver("direction", 3), (), "half", value, 1e-5, "rad", None, True
+        "backlash", joint(3), Driver("direction", 3), (), "half", value, 1e-5, "rad", None, value > 4e-5
     )
     levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0))
     verdict = replace(gap.verdict, named=(replace(named_effect, probability=probability, confirmed=True),))

@@ -327,9 +327,12 @@ def possible(gap: Gap, named: Named) -> str:
     if nats <= se:
         return _little(nats, se, gap)
     # of several amplitudes none may be significant alone, and all together are
-    return "" if any(clear or [True]) or nats > GAIN * se else "no amplitude of it is significant"
+    seen = any(clear or [True]) or (nats > GAIN * se and _times_u(gap, named) > SEEN_U)
+    return "" if seen else "no amplitude of it is significant"
 
 
+SEEN_U = 2.0
+"""Amplitude over its u below which a log density that rises is of wider predictions (convention)."""
 PROVEN, TIMES_U = 0.99, 4.0
 """Probability of a name, and amplitude over its u, from which on the calibration rows establish it alone
 (assumed)."""
@@ -340,12 +343,18 @@ def established(gap: Gap, named: Named) -> str:
     if not named.confirmed:
         return ""
     nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
-    if nats > GAIN * se:
+    times = _times_u(gap, named)
+    if nats > GAIN * se and times > SEEN_U:
         return f"log density {nats:+.0f} ± {se:.0f} nats"
-    times = max((abs(a.value) / a.u for a in gap.amplitudes if a.effect == named.effect and a.u), default=0.0)
-    if named.probability >= PROVEN and times > TIMES_U:
+    if named.probability >= PROVEN and TIMES_U < times < np.inf:
         return f"amplitude {times:.0f} u"
     return ""
+
+
+def _times_u(gap: Gap, named: Named) -> float:
+    """Largest amplitude of a named effect, over its u; infinite if it has none."""
+    own = [a for a in gap.amplitudes if a.effect == named.effect]
+    return max((abs(a.value) / a.u for a in own if a.u), default=np.inf)
 
 
 def _little(nats: float, se: float, gap: Gap) -> str:
