@@ -318,22 +318,25 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
 
 
 def _region(c: Circumstances) -> Iterator[Cell]:
-    """A probe error that depends on the position in the workspace: everywhere, or local."""
-    if not np.any(c.touching):
-        return
+    """An error of the probe, or of an instrument, by the position in the workspace: everywhere, or local."""
     place = reference.points(c.chain, c.q, c.tool_centres[c.tool])
     low, high = place[c.fitted].min(axis=0), place[c.fitted].max(axis=0)
     half = np.maximum(0.5 * (high - low), 1e-3)
     u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
     on = c.touching.astype(float)
-    products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
-    yield Cell(PROBE, Driver("workspace"), (at_contact(on, [*u.T, *products]),))
     spots = [
         1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / CELLS.region_size) ** 3)
         for at in itertools.product(CELLS.region_grid, repeat=3)
     ]
     seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= CELLS.fewest / 2]
-    yield Cell(PROBE, Driver("workspace", form="one region"), tuple(at_contact(on, [s]) for s in seen))
+    if np.any(c.touching):
+        products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
+        yield Cell(PROBE, Driver("workspace"), (at_contact(on, [*u.T, *products]),))
+        yield Cell(PROBE, Driver("workspace", form="one region"), tuple(at_contact(on, [s]) for s in seen))
+    if not np.all(c.touching[c.fitted]):
+        (base,) = movers(c)[BASE]
+        local = tuple(tuple(p for p in base((1.0 - on) * s) if p.unit == "m") for s in seen)
+        yield Cell(BASE, Driver("workspace", form="one region"), local)
 
 
 def _probe(c: Circumstances) -> Iterator[Cell]:
