@@ -116,19 +116,19 @@ def explain(
                 for how in FOLDED
             )
             alone = tuple(test for test in tests if test is not None) or alone
-        known: dict[tuple[Variant, ...], tuple[Estimate, Tests]] = {(): (bare.beside, alone)}
+        fits: dict[tuple[Variant, ...], tuple[Estimate, Tests]] = {(): (bare.beside, alone)}
 
         def fitted(members: Sequence[Member]) -> tuple[Estimate, Tests]:
             key = tuple(m.variant for m in members)
-            if key not in known:
+            if key not in fits:
                 try:
                     final = bare.refit(members)
-                    known[key] = final, tuple(errors(final, test.how) for test in alone)
+                    fits[key] = final, tuple(errors(final, test.how) for test in alone)
                 except FAILURES as error:
                     raise (
                         error if isinstance(error, BayescalError) else BayescalError(reason(error))
                     ) from None
-            return known[key]
+            return fits[key]
 
         admitted, final, after = _admitted(last, alone, fitted)
         if after.how != VALIDATED:
@@ -137,12 +137,12 @@ def explain(
             after = before if same else attempted(what, partial(errors, final), after, lost)
         return replace(bare, last=admitted, final=final, after=after)
 
-    found = compared(flat=_names_form(last))
-    if found.flat and not _names_form(found.last):  # the form is refused as a name: it is that of `fit`
-        bare = replace(found, flat=False)
-        final = bare.refit(found.last.decision.members)
-        found = replace(bare, before=errors(bare.baseline), final=final, after=errors(final))
-    return replace(found, lost=tuple(lost))
+    explained = compared(flat=_names_form(last))
+    if explained.flat and not _names_form(explained.last):
+        bare = replace(explained, flat=False)  # the form is refused as a name: it is that of `fit`
+        final = bare.refit(explained.last.decision.members)
+        explained = replace(bare, before=errors(bare.baseline), final=final, after=errors(final))
+    return replace(explained, lost=tuple(lost))
 
 
 def _names_form(e: Examined) -> bool:
@@ -167,17 +167,17 @@ def _admitted(
     d = e.decision
     # beside an unmodelled effect, what a name explains may be part of that effect
     complete = d.kind == "named"
-    found = confirmed(
+    tested = confirmed(
         d.members, fitted, before, lambda m: complete and d.probability[m.effect] > VERDICT.certain
     )
-    notes = [f"{a.member.effect} {a.words}; it is not named" for a in found.withheld]
-    notes += [f"{a.member.effect} {a.words}; no reduction of errors is claimed" for a in found.unclaimed]
+    notes = [f"{a.member.effect} {a.words}; it is not named" for a in tested.withheld]
+    notes += [f"{a.member.effect} {a.words}; no reduction of errors is claimed" for a in tested.unclaimed]
     kind = d.kind
-    if found.withheld:
+    if tested.withheld:
         alone = len(d.weighed[0].names) == 1
         refused = "class" if alone else "ambiguous"
-        kind = refused if kind == "named" else kind if found.members or kind == "class" else "unknown"
-    if kind == "named" and (p := contradiction(before[0], found.errors)) < GATE.contradicted:
+        kind = refused if kind == "named" else kind if tested.members or kind == "class" else "unknown"
+    if kind == "named" and (p := contradiction(before[0], tested.errors)) < GATE.contradicted:
         kind = "named+unexplained"
         notes.append(
             f"the validation data contradict the refit: by it, so large errors have p {max(p, 1e-99):.0e}"
@@ -185,12 +185,12 @@ def _admitted(
     d = replace(
         d,
         kind=kind,
-        hypothesis=e.search.hypothesis(found.members) if found.withheld else d.hypothesis,
+        hypothesis=e.search.hypothesis(tested.members) if tested.withheld else d.hypothesis,
         footnotes=(*d.footnotes, *notes),
-        unclaimed=frozenset(a.member.effect for a in found.unclaimed),
-        withheld=frozenset(a.member.effect for a in found.withheld),
+        unclaimed=frozenset(a.member.effect for a in tested.unclaimed),
+        withheld=frozenset(a.member.effect for a in tested.withheld),
     )
-    return replace(e, decision=d), found.fitted, found.errors
+    return replace(e, decision=d), tested.fitted, tested.errors
 
 
 def _promoted(first: Examined) -> bool:
@@ -198,43 +198,43 @@ def _promoted(first: Examined) -> bool:
     if COMPLIANCE not in first.candidates.variants:
         return False
     sets = first.search.hypotheses
-    own = sets.get(frozenset((COMPLIANCE,)))
+    compliant = sets.get(frozenset((COMPLIANCE,)))
     best = max(sets.values(), key=lambda h: h.score)
-    gained = own is not None and own.score - sets[frozenset()].score > VERDICT.promoted
+    gained = compliant is not None and compliant.score - sets[frozenset()].score > VERDICT.promoted
     sure = first.decision.probability.get(COMPLIANCE, 0.0) >= VERDICT.sure
     return gained and sure and COMPLIANCE in best.names
 
 
 def fitted_levels(
-    scene: Scene, effects: tuple[str, ...], options: FitOptions, found: Explained
+    scene: Scene, effects: tuple[str, ...], options: FitOptions, explained: Explained
 ) -> tuple[list[Level], list[str]]:
     """Nominal, each effect of the baseline, then each named effect in the order of the search.
 
     A level that cannot be fitted is left out, with the reason as text: the diagnosis does not need it.
     """
-    last, members = found.last, found.last.decision.members
+    last, members = explained.last, explained.last.decision.members
     fits: list[tuple[tuple[str, ...], Callable[[], Estimate]]] = []
     for level in levels_of(effects)[:-1] or [()]:
         of_model = effects[: len(level)] == level  # a simpler model has all of its parameters
-        own = options if of_model else replace(options, without=())
-        fits.append((level or ("nominal",), partial(judged_level, scene, level, own)))
+        level_options = options if of_model else replace(options, without=())
+        fits.append((level or ("nominal",), partial(judged_level, scene, level, level_options)))
     if effects:
-        fits.append((effects, lambda: found.baseline))
-    if found.promoted:
-        fits.append(((*effects, COMPLIANCE), lambda: found.beside))
+        fits.append((effects, lambda: explained.baseline))
+    if explained.promoted:
+        fits.append(((*effects, COMPLIANCE), lambda: explained.beside))
     for k in range(1, len(members)):
         names = (model_name(m, last.candidates) for m in members[:k])
-        further = partial(found.refit, members[:k])
+        further = partial(explained.refit, members[:k])
         fits.append(((*last.fitted.model.effects, *names), further))
     if members:
         names = (model_name(m, last.candidates) for m in members)
-        fits.append(((*last.fitted.model.effects, *names), lambda: found.final))
+        fits.append(((*last.fitted.model.effects, *names), lambda: explained.final))
     out, lost = list[Level](), list[str]()
     for model, fit in fits:
         try:
             e = fit()
             formed = FORM in e.model.effects and FORM not in model
-            out.append(Level((*model, FORM) if formed else model, e, _errors_of(e, found)))
+            out.append(Level((*model, FORM) if formed else model, e, _errors_of(e, explained)))
         except FAILURES as error:
             what = f"the model level {' + '.join(model)} is left out: it cannot be fitted"
             lost.append(f"{what} ({reason(error)})")
@@ -268,8 +268,8 @@ def diagnose(
     BayescalError
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
-    found, left = leaving_out(dataset, lambda some: _diagnosed(some, effects, options, without, progress))
-    return replace(found, unlocated=tuple(left), warnings=(*left.values(), *found.warnings))
+    gap, unlocated = leaving_out(dataset, lambda some: _diagnosed(some, effects, options, without, progress))
+    return replace(gap, unlocated=tuple(unlocated), warnings=(*unlocated.values(), *gap.warnings))
 
 
 def _diagnosed(
@@ -284,28 +284,28 @@ def _diagnosed(
     options = options.omitting(without, scene, effects)
     check_enough(scene)
     check_located(scene)
-    found = explain(scene, effects, options, progress)
-    first, last, final = found.first, found.last, found.final
-    before, after, decision = found.before, found.after, found.last.decision
+    explained = explain(scene, effects, options, progress)
+    first, last, final = explained.first, explained.last, explained.final
+    before, after, decision = explained.before, explained.after, explained.last.decision
     noise = noise_floor(final, after.main)
     progress("report", 0.8)
     of_magnitude, of_shrinkage = spawned(options.seed, 2)
-    size = magnitude(found.baseline, final, before, after, of_magnitude)
-    verdict = found.verdict
-    levels, left_out = fitted_levels(scene, effects, last.options, found)
-    lost = [*found.lost, *left_out]
+    size = magnitude(explained.baseline, final, before, after, of_magnitude)
+    verdict = explained.verdict
+    levels, left_out = fitted_levels(scene, effects, last.options, explained)
+    lost = [*explained.lost, *left_out]
 
     def either(what: str, compute: Callable[[], T], otherwise: Otherwise) -> T | Otherwise:
         return attempted(what, compute, otherwise, lost)
 
     plain = without_nuisance(last.problem, last.fitted.model.size)
-    free = either("the refit with the confirmed names alone", partial(_confirmed, found), final)
+    free = either("the refit with the confirmed names alone", partial(_confirmed, explained), final)
     arm, rigid = either("limits of compliances", partial(bounded, free), (free, UNCHANGED))
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
-        final, after = arm, either("errors of the limited refit", partial(_errors_of, arm, found), after)
+        final, after = arm, either("errors of the limited refit", partial(_errors_of, arm, explained), after)
         levels[-1:] = [replace(level, fitted=arm, errors=after) for level in levels[-1:]]
     if decision.members:
-        keep = partial(doubted, arm, found.beside, verdict)
+        keep = partial(doubted, arm, explained.beside, verdict)
         refitted = either("the discrepancy that the names may not explain", keep, arm)
         arm, final = refitted, refitted if arm is final else final
     wide = either("the stated uncertainty of the arm, and with it the arm", lambda: stated(arm).limited, None)
@@ -317,18 +317,18 @@ def _diagnosed(
         "what is not determined", lambda: undetermined(final, identifiability(final, of_final)), ()
     )
     reduction: tuple[Shrinkage, ...] = ()
-    if decision.members or found.promoted:
+    if decision.members or explained.promoted:
         compare = partial(shrinkage, before, after, noise.sd, of_shrinkage, noise.dof)
         reduction = either("the reduction of errors", compare, ())
     if not all(n.confirmed for n in verdict.named):
         reduction = tuple(replace(s, claimed=False) for s in reduction)
-    places = either("locations", partial(where, first, last, found.promoted, noise.sd), ())
-    groups = either("groups", partial(margins, found.baseline, before, noise.sd, noise.dof), {})
+    places = either("locations", partial(where, first, last, explained.promoted, noise.sd), ())
+    groups = either("groups", partial(margins, explained.baseline, before, noise.sd, noise.dof), {})
     advice = either("what to measure next", partial(_advice, last), ())
     spots = either("effects that would not be seen", partial(_unseen, last, plain), ())
     sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
     open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
-    cautions = warnings(found.baseline, final, before, after, lacking, found.unsure)
+    cautions = warnings(explained.baseline, final, before, after, lacking, explained.unsure)
     return Gap(
         dataset=dataset,
         baseline=effects,
@@ -341,7 +341,7 @@ def _diagnosed(
         levels=model_levels(levels, kept(before, after)),
         advice=advice,
         blind_spots=spots,
-        residuals=residuals_in_time(found.baseline, final),
+        residuals=residuals_in_time(explained.baseline, final),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *last.options.contrary,
@@ -353,7 +353,7 @@ def _diagnosed(
         still_without=still_without(last.options.without, decision.members),
         undecided=open_pairs,
         arm=None if wide is None else arm,
-        calibrated=found.baseline,
+        calibrated=explained.baseline,
         covariance=wide,
         displaced=either("what the names left out displace", lambda: displaced(arm, final, wide), ()),
         rigid=rigid,
@@ -379,22 +379,22 @@ def _unseen(last: Examined, plain: Problem) -> tuple[BlindSpot, ...]:
     return unseen(blind_spots(last.fitted, last.candidates, chosen, named))
 
 
-def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:
+def _errors_of(e: Estimate, explained: Explained) -> ValidationErrors:
     """Validation errors of a level, which are known of the baseline and of the refit."""
-    if e is found.final:
-        return found.after
-    if e is found.baseline:
-        return found.before
-    return without_rows(validation_errors(e, strict=False), found.unsure)
+    if e is explained.final:
+        return explained.after
+    if e is explained.baseline:
+        return explained.before
+    return without_rows(validation_errors(e, strict=False), explained.unsure)
 
 
-def _confirmed(found: Explained) -> Estimate:
+def _confirmed(explained: Explained) -> Estimate:
     """The refit with those of the named effects that the validation data confirm."""
-    d = found.last.decision
+    d = explained.last.decision
     members = [m for m in d.members if m.effect not in d.unclaimed]
     if len(members) == len(d.members):
-        return found.final
+        return explained.final
     try:
-        return found.refit(members)
+        return explained.refit(members)
     except FAILURES:  # without the others, none of them can be fitted
-        return found.beside
+        return explained.beside

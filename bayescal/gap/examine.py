@@ -86,18 +86,18 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
         return _with_widths(some, effects, options)
 
     _, base, scatter = scattered(scene, fitted, known=True)
-    found = _of_baseline(base, further)
-    if scatter is None or not scatter.beyond or found.decision.kind != "null":
-        return found
+    examined = _of_baseline(base, further)
+    if scatter is None or not scatter.beyond or examined.decision.kind != "null":
+        return examined
     _, base, scatter = scattered(scene, fitted)
     weighed = _of_baseline(base, further)
     # errors of another form than those of readings leave what looks like an effect
-    return replace(weighed if weighed.decision.kind == "null" else found, scatter=scatter)
+    return replace(weighed if weighed.decision.kind == "null" else examined, scatter=scatter)
 
 
 def _of_baseline(base: tuple[Estimate, FitOptions, tuple[Width, ...]], further: bool) -> Examined:
     """Evaluate all effects that a baseline lacks, as `fit` states it."""
-    plain, options, told = base
+    plain, options, widths = base
     whole = completed(plain, options.robust)
     fitted, causes, formed = whole.fitted, whole.causes, None
     if fitted.model.effects != plain.model.effects:  # the search has no form of its own
@@ -107,7 +107,7 @@ def _of_baseline(base: tuple[Estimate, FitOptions, tuple[Width, ...]], further: 
     if causes and result.decision.kind == "null":  # a few true outliers that share a cause by chance
         other = _examined(plain, (), options, further)
         result = result if other.decision.kind == "null" else other
-    return replace(result, options=options, widths=told, formed=formed)
+    return replace(result, options=options, widths=widths, formed=formed)
 
 
 def _with_widths(
@@ -123,8 +123,8 @@ def _with_widths(
     if not beside:
         return with_widths(calibrated(scene, effects, options), scene, effects, options)
     wide = (*effects, *(f"{name} x{LOOSE:g}" for name in beside if name not in map(plain_name, effects)))
-    _, options, told = with_widths(calibrated(scene, wide, options), scene, wide, options)
-    return calibrated(scene, effects, options), options, told
+    _, options, widths = with_widths(calibrated(scene, wide, options), scene, wide, options)
+    return calibrated(scene, effects, options), options, widths
 
 
 MOST_READINGS = 600
@@ -150,8 +150,10 @@ def _examined(
     c = with_compliances(settled.circumstances(settled.rows("calibrate")), fitted)
     nuisance = tuple(masses(c)) if COMPLIANCE in effects else ()
     nuisance += (readings := _of_readings(fitted, c))
-    known = candidates(c, effects, options.without)
-    baseline = Baseline(fitted, c, known, nuisance, options.robust, further, causes, bool(readings))
+    candidate_effects = candidates(c, effects, options.without)
+    baseline = Baseline(
+        fitted, c, candidate_effects, nuisance, options.robust, further, causes, bool(readings)
+    )
     result = baseline.weighed(fitted)
     members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
@@ -200,8 +202,8 @@ class Baseline:
             return worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
 
         def searched(variance: float, ratio: np.ndarray | None = None) -> Examined:
-            own = slopes if ratio is None else slopes.with_noise(ratio)
-            return self._searched(replace(own, worth=worth_by(variance) if variance else None))
+            whitened = slopes if ratio is None else slopes.with_noise(ratio)
+            return self._searched(replace(whitened, worth=worth_by(variance) if variance else None))
 
         bare = fit_state(slopes.problem(fitted.z, (), self.nuisance), (), (), robust=self.robust)
         variance = shared_variance(bare, slopes.gradient, poses)
@@ -228,18 +230,18 @@ class Baseline:
 
     def _searched(self, slopes: Slopes) -> Examined:
         """Evaluate all effects that the fit lacks, with its derivatives."""
-        fitted, c, known = self.fitted, self.circumstances, self.candidates
-        p = slopes.problem(fitted.z, known.pool, self.nuisance)
+        fitted, c, candidate_effects = self.fitted, self.circumstances, self.candidates
+        p = slopes.problem(fitted.z, candidate_effects.pool, self.nuisance)
         if any(wide(effect, c) for effect in EFFECTS.values()):
             states = screening_states(p, np.empty(0, int), np.empty(0), self.robust)
-            known = screened(known, slopes, states, c, fitted.model.effects)
+            candidate_effects = screened(candidate_effects, slopes, states, c, fitted.model.effects)
             del states  # with the columns of the first problem
-            p = slopes.problem(fitted.z, known.pool, self.nuisance)
+            p = slopes.problem(fitted.z, candidate_effects.pool, self.nuisance)
         poses = np.unique(c.q[p.rows], axis=0, return_inverse=True)[1].ravel()
         pool = filled(partial(cells, c), slopes, poses, p)
-        search = Search(p, known, self.robust, self.further)
+        search = Search(p, candidate_effects, self.robust, self.further)
         search.run()
-        return Examined(fitted, c, known, p, pool, search, decide(search, pool, arguments(c)))
+        return Examined(fitted, c, candidate_effects, p, pool, search, decide(search, pool, arguments(c)))
 
 
 def _without_readings(fitted: Estimate) -> np.ndarray:
@@ -275,12 +277,12 @@ def _noises(state: State, target: Sequence[str]) -> Noises | None:
     count = np.bincount(label[p.contact], weight, len(names))
     chi2 = np.bincount(label[p.contact], weight * state.residual[: p.count] ** 2, len(names))
     scaled = chi2 * (np.sum(count) / max(float(np.sum(chi2)), 1e-300))
-    own = count > 0
-    nats = differing(count[own], scaled[own])
+    used = count > 0
+    nats = differing(count[used], scaled[used])
     if nats <= LINEAR.uneven:
         return None
     ratio = np.ones(len(names))
-    ratio[own] = noise_ratios(count[own], scaled[own])
+    ratio[used] = noise_ratios(count[used], scaled[used])
     gained = 0.5 * float(np.sum(scaled * (1.0 - ratio**-2.0)))
     most = int(np.argmax(ratio))
     name, size = names[most].partition(" ")[2], f"{ratio[most]:.2g} times the mean"
@@ -288,13 +290,13 @@ def _noises(state: State, target: Sequence[str]) -> Noises | None:
     return Noises(ratio[label], gained - nats, words)
 
 
-def _leading(found: Examined) -> State:
+def _leading(examined: Examined) -> State:
     """The state of the most probable hypothesis, with its unmodelled effect: what they leave is error."""
-    best = found.decision.weighed[0]
+    best = examined.decision.weighed[0]
     state = best.hypothesis.state
-    if best.cell is None or found.pool.cells[best.cell.cell].clusters is not None:
+    if best.cell is None or examined.pool.cells[best.cell.cell].clusters is not None:
         return state
-    return with_set(state, found.pool, best.cell.best, best.cell.scale, state.weight)
+    return with_set(state, examined.pool, best.cell.best, best.cell.scale, state.weight)
 
 
 def _looseness(fitted: Estimate) -> float:
@@ -315,9 +317,9 @@ def where(first: Examined, last: Examined, promoted: bool, noise: float) -> tupl
     excess = _excess(null, chosen.state, noise)
     if promoted:
         every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
-        own = first.search.hypothesis([Member(every, 1.0, 0.0)])
+        compliant = first.search.hypothesis([Member(every, 1.0, 0.0)])
         scale = Scale(first.circumstances, excess, first.fitted.model.size)
-        out = places_named(own, first.candidates.pool, scale)
+        out = places_named(compliant, first.candidates.pool, scale)
     scale = Scale(last.circumstances, excess, last.fitted.model.size)
     return (*out, *places(chosen, last.pool, last.candidates.pool, scale))
 
@@ -329,6 +331,6 @@ def _excess(null: State, chosen: State, noise: float) -> float:
     """
     p = null.problem
     keep = chosen.weight[: p.lengths] > 0
-    square, left = (float(np.mean((s.residual[: p.lengths] * p.sigma)[keep] ** 2)) for s in (null, chosen))
-    own = noise**2 * (1.0 - null.effective_dof / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
-    return max(square - min(own, left), 0.0)
+    before, after = (float(np.mean((s.residual[: p.lengths] * p.sigma)[keep] ** 2)) for s in (null, chosen))
+    expected = noise**2 * (1.0 - null.effective_dof / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
+    return max(before - min(expected, after), 0.0)

@@ -235,7 +235,9 @@ def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(b
     (_, strict), (_, free) = unknown(h, bench.pool, null), unknown(h, bench.pool, h.log_evidence)
     assert strict[at].rival
     assert free[at].gain - strict[at].gain == pytest.approx(0.03 * (h.log_evidence - null))
-    elsewhere = next(k for k, q in enumerate(bench.pool.cells) if q.site == joint(1) and not q.known)
+    elsewhere = next(
+        k for k, q in enumerate(bench.pool.cells) if q.site == joint(1) and not q.of_known_effect
+    )
     assert free[elsewhere].gain == strict[elsewhere].gain
 
 

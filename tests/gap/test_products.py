@@ -100,7 +100,7 @@ def test_a_kind_of_site_keeps_its_prior_whatever_its_cells_weigh(bench):
     of_joints = [p for p, q in zip(prior, bench.pool.cells, strict=True) if q.site == joint(1) and p > 0]
     assert np.max(of_joints) == pytest.approx(CELLS.paired * np.min(of_joints))
     ratio = np.sum(prior[kinds == "link"]) / np.sum(prior[kinds == "probe"])
-    known = [q.known for q in bench.pool.cells if q.site.kind in ("link", "probe")]
+    known = [q.of_known_effect for q in bench.pool.cells if q.site.kind in ("link", "probe")]
     assert not any(known)
     assert ratio == pytest.approx(UNKNOWN.sites["link"] / UNKNOWN.sites["probe"])
 

@@ -122,7 +122,7 @@ def test_a_cell_of_an_effect_is_a_rival_where_the_vocabulary_lacks_the_effect(
     bench, monkeypatch, effect, place
 ):
     def known():
-        return next(x.known for x in cells(bench.circumstances) if (x.site, x.driver) == place)
+        return next(x.of_known_effect for x in cells(bench.circumstances) if (x.site, x.driver) == place)
 
     assert known()
     monkeypatch.delitem(EFFECTS._effects, effect)

@@ -55,7 +55,7 @@ def choose(
 
 
 def advise(
-    fitted: Estimate, known: Candidates, pairs: Sequence[tuple[Hypothesis, Hypothesis]]
+    fitted: Estimate, candidates: Candidates, pairs: Sequence[tuple[Hypothesis, Hypothesis]]
 ) -> tuple[Advice, ...]:
     """Next measurements to distinguish each pair of hypotheses: the best intervention, or the best two.
 
@@ -63,7 +63,7 @@ def advise(
     ----------
     fitted : Estimate
         The baseline.
-    known : Candidates
+    candidates : Candidates
         Of the search.
     pairs : sequence of (Hypothesis, Hypothesis)
         Effects that both contain belong to the model.
@@ -82,7 +82,7 @@ def advise(
     members = [m for pair in pairs for h in pair for m in h.members]
     if not members:
         return ()
-    interventions = possibilities(fitted, known, members)
+    interventions = possibilities(fitted, candidates, members)
     dataset = fitted.model.scene.dataset
     images = fitted.model.scene.in_images.all()
     contacts = min(DESIGN.contacts, DESIGN.images) if images else DESIGN.contacts
@@ -145,7 +145,7 @@ def undecided(e: Examined) -> tuple[Pair, ...]:
     for a, b in rivals(e):
         shared = set(a.names) & set(b.names)
         parts = (a, set(a.names) - shared), (b, set(b.names) - shared), (a, shared)
-        pairs.append(Pair(*(_side(h, e.candidates, own) for h, own in parts)))
+        pairs.append(Pair(*(_side(h, e.candidates, effects) for h, effects in parts)))
     leader = next(w.hypothesis for w in d.weighed if not w.unmodelled)
     for effect in (*sorted(d.unclaimed), *sorted(d.withheld)):  # as sets their order differs by process
         h = d.hypothesis if effect in d.hypothesis.names else leader
@@ -155,7 +155,7 @@ def undecided(e: Examined) -> tuple[Pair, ...]:
     return tuple(pairs)
 
 
-def _side(h: Hypothesis, known: Candidates, effects: Collection[str]) -> Side:
+def _side(h: Hypothesis, candidates: Candidates, effects: Collection[str]) -> Side:
     """Some effects of a hypothesis, with the parameters that it fits."""
     if not effects:
         return ()
@@ -163,7 +163,7 @@ def _side(h: Hypothesis, known: Candidates, effects: Collection[str]) -> Side:
     out = []
     for m, amplitudes in zip(h.members, np.split(h.state.amplitudes, ends[:-1]), strict=True):
         if m.effect in effects:
-            fitted = [known.pool[k] for k in m.variant.columns]
+            fitted = [candidates.pool[k] for k in m.variant.columns]
             values = {p.name: float(x * p.sd) for p, x in zip(fitted, amplitudes, strict=True)}
-            out.append(Suspect(model_name(m, known), values, {p.name: p.unit for p in fitted}))
+            out.append(Suspect(model_name(m, candidates), values, {p.name: p.unit for p in fitted}))
     return tuple(out)

@@ -35,23 +35,23 @@ class Seat:
     columns: np.ndarray  # (k,)
 
 
-def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
+def seats(candidates: Candidates, named: Sequence[str] = ()) -> list[Seat]:
     """Sites of every candidate except the named ones, in the usual setting: the first one."""
     out: list[Seat] = []
-    for effect, variants in known.variants.items():
+    for effect, variants in candidates.variants.items():
         if effect in named:
             continue
-        own = np.unique(np.concatenate([v.columns for v in variants if v.setting == variants[0].setting]))
+        indices = np.unique(np.concatenate([v.columns for v in variants if v.setting == variants[0].setting]))
         groups: dict[tuple[Site, str], list[int]] = {}
-        for k in own:
-            p = known.pool[k]
+        for k in indices:
+            p = candidates.pool[k]
             groups.setdefault((p.site, p.unit), []).append(int(k))
         out += [Seat(effect, *key, np.array(columns)) for key, columns in groups.items()]
     return out
 
 
 def blind_spots(
-    fitted: Estimate, known: Candidates, state: State, named: tuple[str, ...] = ()
+    fitted: Estimate, candidates: Candidates, state: State, named: tuple[str, ...] = ()
 ) -> tuple[BlindSpot, ...]:
     """Detectability of every effect that is neither in the model nor named, largest distance error first.
 
@@ -59,7 +59,7 @@ def blind_spots(
     ----------
     fitted : Estimate
         The baseline, as the problem of `state` was linearised at.
-    known : Candidates
+    candidates : Candidates
         Their pool is that of the problem.
     state : State
         Baseline and named effects, with weights and noise.
@@ -81,22 +81,22 @@ def blind_spots(
     undetected site with the largest distance error or, if all sites are detectable, by the least detectable
     one. The least detectable site in general is not relevant: it is always a wrist joint without load.
     """
-    judged = seats(known, named)
+    judged = seats(candidates, named)
     if not judged:
         return ()
-    free = state.columns[state.columns < len(known.pool)]
+    free = state.columns[state.columns < len(candidates.pool)]
     used = np.union1d(np.concatenate([s.columns for s in judged]), free)
     seen = project(state, state.problem.pool[:, used])
     raw = np.sum(seen.weighted**2, axis=0)
     strength = np.maximum(raw - np.sum(seen.across * seen.solved, axis=0), DESIGN.rounding * raw)
-    moved = distances(fitted, [known.pool[k] for k in used], used, seen)
+    moved = distances(fitted, [candidates.pool[k] for k in used], used, seen)
     harm = np.mean(moved**2, axis=0) if len(moved) else np.full(len(used), np.nan)
     best: dict[str, tuple[tuple[bool, float], BlindSpot]] = {}
     for s in judged:
         index = np.searchsorted(used, s.columns)
         total = float(np.sum(strength[index]))
         ratio = np.sqrt(DESIGN.named / total) if total > 0 else np.inf
-        plausible = float(np.sqrt(np.mean([known.pool[k].sd ** 2 for k in s.columns])))
+        plausible = float(np.sqrt(np.mean([candidates.pool[k].sd ** 2 for k in s.columns])))
         error = float(np.sqrt(np.sum(harm[index])))
         spot = BlindSpot(s.effect, s.site, float(ratio) * plausible, plausible, s.unit, error)
         blind = bool(ratio > 1.0)
@@ -196,13 +196,13 @@ def _centre(
         shift = np.zeros((len(block.kind.sd), solved.shape[1]))
         shift[block.free] = solved[part] * block.sd[:, None]
         return centre_of(block, block.state(fitted.z[part])), shift[:3]
-    found = located(fitted, wide, model.scene.index[name], values)
-    if found is None:
+    location = located(fitted, wide, model.scene.index[name], values)
+    if location is None:
         return None
-    block, z = found
-    _, by_arm, by_own = block.linearise(values, z)
+    block, z = location
+    _, by_arm, by_target = block.linearise(values, z)
     sigma = np.tile(block.sigma, block.kind.rows)[:, None]
-    slopes, errors = by_own / sigma, (by_arm @ off) / sigma
+    slopes, errors = by_target / sigma, (by_arm @ off) / sigma
     shift = -np.linalg.solve(slopes.T @ slopes + np.eye(block.size), slopes.T @ errors)
     return centre_of(block, block.state(z)), shift[:3] * block.sd[:3, None]
 

@@ -157,8 +157,8 @@ class PairSide:
 class Possible:
     """The contacts of an intervention, linearised: R residuals whitened by their stated noise.
 
-    `own` (R, E) are slopes by the states of targets that are not in the fitted model, `spread` (E, E) is the
-    prior of these states.
+    `by_targets` (R, E) are slopes by the states of targets that are not in the fitted model, `spread` (E, E)
+    is the prior of these states.
     """
 
     what: str
@@ -167,7 +167,7 @@ class Possible:
     design: np.ndarray  # (R, D) by the fitted model, and by the stated masses
     used: np.ndarray  # (K,) candidates, ascending
     pool: np.ndarray  # (R, K)
-    own: np.ndarray
+    by_targets: np.ndarray
     spread: np.ndarray
     velocity: np.ndarray | None = None  # (contacts, n) rad/s
     payload: np.ndarray | None = None  # (contacts,) kg
@@ -188,7 +188,7 @@ class Possible:
             float(amplitude @ seen.information(np.arange(len(columns))) @ amplitude),
             block_diag(state.covariance, self.spread),
             np.append(seen.solved @ amplitude, np.zeros(len(self.spread))),
-            np.column_stack([self.design, rivals, self.own]) / state.kappa,
+            np.column_stack([self.design, rivals, self.by_targets]) / state.kappa,
             self.pool[:, np.searchsorted(self.used, columns)] @ amplitude / state.kappa,
         )
 
@@ -210,7 +210,7 @@ def stated_masses(fitted: Estimate) -> list[Parameter]:
     return masses(with_compliances(model.scene.circumstances(model.scene.rows("calibrate")), fitted))
 
 
-def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
+def possibilities(fitted: Estimate, candidates: Candidates, members: Sequence[Member]) -> list[Possible]:
     """All interventions, linearised at the estimate; the first is `AGAIN`."""
     model = fitted.model
     dataset, interventions = widened(model.scene, _poses(fitted))
@@ -221,8 +221,8 @@ def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]
     for effect, setting in dict.fromkeys((m.effect, m.variant.setting) for m in members):
         mine = [m.variant.columns for m in members if (m.effect, m.variant.setting) == (effect, setting)]
         columns = np.unique(np.concatenate(mine)).tolist()
-        own = EFFECTS[effect].at(c, setting)
-        now = _again([known.pool[k] for k in columns], [*own, *in_proportion(effect, own)])
+        of_effect = EFFECTS[effect].at(c, setting)
+        now = _again([candidates.pool[k] for k in columns], [*of_effect, *in_proportion(effect, of_effect)])
         fresh |= dict(zip(columns, now, strict=True))
     used, stated = np.array(sorted(fresh)), _again(stated_masses(fitted), masses(c))
     further = (*stated, *(fresh[k] for k in sorted(fresh)))
@@ -247,26 +247,26 @@ def _linear(
             continue
         rows = intervention.rows[candidates]
         block = wide.block(int(target[rows[0]]), rows)
-        _, by_arm, by_own = block.linearise(values, fitted.z[model.slices[fit.target]])
+        _, by_arm, by_target = block.linearise(values, fitted.z[model.slices[fit.target]])
         sigma = fitted.weights.sigma[fit.name].reshape(fit.kind.rows, -1)
         sigma = sigma[:, np.searchsorted(fit.rows, intervention.source[candidates])].reshape(-1, 1)
         sigma = sigma * fitted.weights.scale[fit.group] / fitted.weights.scale[main]
         by_arm = by_arm * wide.sd / sigma
         design, pool = _divided(by_arm, count, len(fitted.z), len(used))
-        design[:, model.slices[fit.target]] = by_own / sigma
+        design[:, model.slices[fit.target]] = by_target / sigma
         contact.append(np.tile(number[candidates], block.kind.rows))
         designs.append(design)
         pools.append(pool)
     none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
     designs_of_all, pool = np.concatenate(designs), np.concatenate(pools)
     m, stated = wide.scene.dataset.measurements, model.scene.dataset.measurements
-    own = intervention.rows[first]
-    loaded = m.payload is not None and (stated.payload is not None or np.any(m.payload[own]))
+    first_rows = intervention.rows[first]
+    loaded = m.payload is not None and (stated.payload is not None or np.any(m.payload[first_rows]))
     return Possible(
         intervention.what, intervention.source[first], np.concatenate(contact), designs_of_all, used, pool,
         *none,
-        None if m.velocity is None else m.velocity[own],
-        m.payload[own] if m.payload is not None and loaded else None,
+        None if m.velocity is None else m.velocity[first_rows],
+        m.payload[first_rows] if m.payload is not None and loaded else None,
     )  # fmt: skip
 
 
@@ -293,15 +293,15 @@ def _spheres(
     size, count = sum(b.size for b, _ in blocks.values()), len(model.parameters)
     ratio = {g: s / fitted.weights.scale[main] for g, s in fitted.weights.scale.items()}
     rows: list[np.ndarray] = []
-    contact, owns, arms, information = [], [], [], np.eye(size)
+    contact, by_targets, arms, information = [], [], [], np.eye(size)
     for name, (block, z) in blocks.items():
-        _, by_arm, by_own = block.linearise(values, z)
+        _, by_arm, by_target = block.linearise(values, z)
         sigma = np.tile(block.sigma, block.kind.rows)[:, None] * ratio.get(block.group, 1.0)
         by_state = np.zeros((block.residuals, size))
-        by_state[:, starts[name] : starts[name] + block.size] = by_own / sigma * _tighter(block)
+        by_state[:, starts[name] : starts[name] + block.size] = by_target / sigma * _tighter(block)
         contact.append(sum(map(len, rows)) + np.tile(np.arange(len(block.rows)), block.kind.rows))
         rows.append(block.rows)
-        owns.append(by_state)
+        by_targets.append(by_state)
         arms.append(by_arm * wide.sd / sigma)
     for c in certified:
         if all(name in blocks for name in c.targets):
@@ -315,7 +315,7 @@ def _spheres(
     return [
         Possible(
             SPHERES, np.concatenate(rows), np.concatenate(contact), design, used, pool,
-            np.concatenate(owns), np.linalg.inv(information), measured=True,
+            np.concatenate(by_targets), np.linalg.inv(information), measured=True,
         )
     ]  # fmt: skip
 

@@ -87,7 +87,7 @@ def integrated(values, along, squares, dof, chi2, worth, nodes, log_weights):
         Of the Gauss-Hermite quadrature; of the weights the logarithms.
     """
     out = np.empty((len(values), len(squares)))
-    own, density = np.empty(values.shape[1]), np.empty(len(nodes))
+    scores, density = np.empty(values.shape[1]), np.empty(len(nodes))
     least = min(worth, chi2)
     lowest = math.log(dof / chi2)
     for b in range(len(values)):
@@ -95,32 +95,34 @@ def integrated(values, along, squares, dof, chi2, worth, nodes, log_weights):
         largest, explained = 1e-300, 0.0
         for value in values[b]:
             largest = max(largest, value)
-        for j in range(len(own)):
+        for j in range(len(scores)):
             if values[b, j] > 1e-12 * largest:
                 explained += along[b, j] / values[b, j]
         # what columns take from the model's prior is no part of chi2: without a limit the integral diverges
         share = min(1.0, (chi2 - least) / max(explained, 1e-300))
-        for j in range(len(own)):
-            own[j] = share * along[b, j]
+        for j in range(len(scores)):
+            scores[j] = share * along[b, j]
         highest = math.log(dof / max(chi2 - min(explained, chi2 - least), least))
         for s in range(len(squares)):
             mode, most = lowest, -np.inf
             for i in range(TRIED):
-                at = lowest + (highest - lowest) * i / (TRIED - 1)
-                level = 0.5 * (dof * at - chi2 * math.exp(at)) + gain(values[b], own, squares[s], at)
+                log_precision = lowest + (highest - lowest) * i / (TRIED - 1)
+                bayes = gain(values[b], scores, squares[s], log_precision)
+                level = 0.5 * (dof * log_precision - chi2 * math.exp(log_precision)) + bayes
                 if level > most:
-                    mode, most = at, level
+                    mode, most = log_precision, level
             for _ in range(NEWTON):
-                slope, bend = _slopes(values[b], own, squares[s], mode)
+                slope, bend = _slopes(values[b], scores, squares[s], mode)
                 noise = 0.5 * chi2 * math.exp(mode)
                 step = (slope + 0.5 * dof - noise) / max(abs(bend - noise), 1e-3 * dof)
                 mode += min(max(step, -0.5), 0.5)
-            bend = 0.5 * chi2 * math.exp(mode) - _slopes(values[b], own, squares[s], mode)[1]
+            bend = 0.5 * chi2 * math.exp(mode) - _slopes(values[b], scores, squares[s], mode)[1]
             width = math.sqrt(2.0 / max(bend, 1e-3 * dof))
             most = -np.inf
             for u in range(len(nodes)):
-                at = mode + width * nodes[u]
-                level = 0.5 * (dof * at - chi2 * math.exp(at)) + gain(values[b], own, squares[s], at)
+                log_precision = mode + width * nodes[u]
+                bayes = gain(values[b], scores, squares[s], log_precision)
+                level = 0.5 * (dof * log_precision - chi2 * math.exp(log_precision)) + bayes
                 density[u] = level + nodes[u] ** 2 + log_weights[u]
                 most = max(most, density[u])
             total = 0.0
@@ -210,35 +212,35 @@ class Bank:
         if p.jacobian is not self.jacobian:
             return (state.design * weight[:, None]).T @ self.columns
         contacts, constraints = self.by_jacobian
-        left = np.flatnonzero(state.weight[: self.count] == 0)
-        gone = (p.jacobian[left] * p.base[left, None]).T @ self.columns[left, :]
+        excluded = np.flatnonzero(state.weight[: self.count] == 0)
+        gone = (p.jacobian[excluded] * p.base[excluded, None]).T @ self.columns[excluded, :]
         further = p.pool[:, state.columns] * (weight[:, None] * state.scales)
-        own = (contacts - gone) / state.kappa**2 + constraints
-        return np.concatenate([own, further.T @ self.columns])
+        of_model = (contacts - gone) / state.kappa**2 + constraints
+        return np.concatenate([of_model, further.T @ self.columns])
 
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """By size k: sets (B,), columns (B, k), X'X over contacts and constraints (B, k, k)."""
+        """By size k: sets (B,), indices of columns (B, k), X'X over contacts and constraints (B, k, k)."""
         by_size: dict[int, list[int]] = {}
-        for i, own in enumerate(self.sets):
-            by_size.setdefault(len(own), []).append(i)
+        for i, size in enumerate(map(len, self.sets)):
+            by_size.setdefault(size, []).append(i)
         out = []
         for members in by_size.values():
-            at = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
-            out.append((np.array(members), at, *self._products(at)))
+            indices = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
+            out.append((np.array(members), indices, *self._products(indices)))
         return out
 
-    def _products(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """X'X (B, k, k) over contacts, by what each is worth, and constraints, of B sets `at` (B, k)."""
-        contacts, constraints = (np.empty((*at.shape, at.shape[1])) for _ in range(2))
-        step = max(MOST_VALUES // max(at.shape[1] * self.columns.shape[0], 1), 1)
-        for first in range(0, len(at), step):
+    def _products(self, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """X'X (B, k, k) over contacts, by what each is worth, and constraints, of B sets `indices` (B, k)."""
+        contacts, constraints = (np.empty((*indices.shape, indices.shape[1])) for _ in range(2))
+        step = max(MOST_VALUES // max(indices.shape[1] * self.columns.shape[0], 1), 1)
+        for first in range(0, len(indices), step):
             part = slice(first, first + step)
-            x = self.columns[:, at[part].ravel()].T.reshape(*at[part].shape, -1)
-            own, rest = x[..., : self.count], x[..., self.count :]
-            across = own if self.worth is None else own * self.worth
-            np.matmul(across, np.swapaxes(own, 1, 2), out=contacts[part])
-            np.matmul(rest, np.swapaxes(rest, 1, 2), out=constraints[part])
+            x = self.columns[:, indices[part].ravel()].T.reshape(*indices[part].shape, -1)
+            of_contacts, of_constraints = x[..., : self.count], x[..., self.count :]
+            across = of_contacts if self.worth is None else of_contacts * self.worth
+            np.matmul(across, np.swapaxes(of_contacts, 1, 2), out=contacts[part])
+            np.matmul(of_constraints, np.swapaxes(of_constraints, 1, 2), out=constraints[part])
         return contacts, constraints
 
 
@@ -250,15 +252,15 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     across = bank.across(state, weight)
     solved = state.covariance @ across
     score = -((state.residual * weight) @ bank.columns)
-    left = np.flatnonzero(state.weight[:count] == 0)
-    gone, worth = bank.columns[left, :], state.problem.base[left]
+    excluded = np.flatnonzero(state.weight[:count] == 0)
+    gone, worth = bank.columns[excluded, :], state.problem.base[excluded]
     out = np.empty((len(bank.sets), len(SCALES)))
-    for members, at, contacts, constraints in bank.groups:
-        own = gone[:, at]  # (rows left out, B, k)
-        lost = np.einsum("rbi,rbj->bij", own * worth[:, None, None], own)
+    for members, indices, contacts, constraints in bank.groups:
+        in_sets = gone[:, indices]  # (rows left out, B, k)
+        lost = np.einsum("rbi,rbj->bij", in_sets * worth[:, None, None], in_sets)
         information = (contacts - lost) / state.kappa**2 + constraints
-        a, s = across.T[at], solved.T[at]
-        out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[at])
+        a, s = across.T[indices], solved.T[indices]
+        out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[indices])
     return out
 
 
@@ -277,9 +279,9 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> np
         Cluster of each row of a contact.
     """
     count = state.problem.count
-    weight, own = state.weight[:count] / state.kappa**2, column[:count]
-    information = np.bincount(clusters, weight * own**2)
-    score = np.bincount(clusters, weight * own * state.residual[:count])
+    weight, motion = state.weight[:count] / state.kappa**2, column[:count]
+    information = np.bincount(clusters, weight * motion**2)
+    score = np.bincount(clusters, weight * motion * state.residual[:count])
     return _factors_along(state, information[None], score[None] ** 2)[0]
 
 
@@ -326,17 +328,17 @@ def shared_variance(state: State, gradient: np.ndarray, poses: np.ndarray) -> fl
     between = within = ranks = 0.0
     spare, total = np.zeros(2), 0.0
     groups = [
-        own for own, some in zip(_split(np.arange(len(used)), poses[used]), several, strict=True) if some
+        group for group, some in zip(_split(np.arange(len(used)), poses[used]), several, strict=True) if some
     ]
-    for own in groups:
-        left, size, _ = np.linalg.svd(g[own], full_matrices=False)
-        basis = left[:, size > LINEAR.dependent * size[0]]
-        shared = float(np.sum((basis.T @ r[own]) ** 2))
-        leverage = float(np.sum((basis.T @ slopes[own]) ** 2))
-        between, within = between + shared, within + float(np.sum(r[own] ** 2)) - shared
+    for group in groups:
+        directions, size, _ = np.linalg.svd(g[group], full_matrices=False)
+        basis = directions[:, size > LINEAR.dependent * size[0]]
+        shared = float(np.sum((basis.T @ r[group]) ** 2))
+        leverage = float(np.sum((basis.T @ slopes[group]) ** 2))
+        between, within = between + shared, within + float(np.sum(r[group] ** 2)) - shared
         spare += (
             basis.shape[1] - leverage,
-            len(own) - basis.shape[1] - float(np.sum(slopes[own] ** 2)) + leverage,
+            len(group) - basis.shape[1] - float(np.sum(slopes[group] ** 2)) + leverage,
         )
         ranks, total = ranks + basis.shape[1], total + float(np.sum(size**2))
     if not groups or np.min(spare) < 1.0 or within <= 0:
@@ -369,10 +371,10 @@ def worth(
     """
     out = np.ones(len(contact))
     g = gradient / np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)[:, None]
-    for own in _split(np.arange(lengths), poses):
-        size = np.linalg.svd(g[own], compute_uv=False)
+    for group in _split(np.arange(lengths), poses):
+        size = np.linalg.svd(g[group], compute_uv=False)
         alike = float(np.sum(size**2)) / int(np.sum(size > LINEAR.dependent * size[0]))
-        out[own] = (1.0 + variance) / (1.0 + alike * variance)
+        out[group] = (1.0 + variance) / (1.0 + alike * variance)
     return out
 
 

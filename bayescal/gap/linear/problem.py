@@ -79,7 +79,7 @@ class Problem:
     @property
     def ends(self) -> np.ndarray:
         """End of the contacts of each size except the last, in the order of `by_size`."""
-        return np.cumsum([len(at) for at in self.by_size])[:-1]
+        return np.cumsum(list(map(len, self.by_size)))[:-1]
 
     @cached_property
     def gross(self) -> np.ndarray:
@@ -151,9 +151,9 @@ class Slopes:
         sites = [*((f, axis) for f in range(frames) for axis in AXES), *BESIDE]
         units = [Parameter("", "1", (Term(*site),), 1.0) for site in sites]
         wide = with_parameters(model.scene, model.effects, (*model.parameters, *units, *certified_values))
-        own, last = len(model.parameters), len(wide.parameters)
-        shift = wide.shift[own:] / wide.sd[own:]
-        z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[own:]])
+        arm_size, last = len(model.parameters), len(wide.parameters)
+        shift = wide.shift[arm_size:] / wide.sd[arm_size:]
+        z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[arm_size:]])
         scale = fitted.weights.scale
         main = scale[main_group(model)]
         weights = replace(fitted.weights.full.apart, scale={g: s / main for g, s in scale.items()})
@@ -166,9 +166,9 @@ class Slopes:
         count = sum(map(len, contact))
         return cls(
             linear.residual,
-            linear.jacobian[:, np.r_[0:own, last : wide.size]],
-            np.asfortranarray(linear.jacobian[:count, own : own + len(units)]),
-            {p.name: linear.jacobian[:, own + len(units) + k] for k, p in enumerate(certified_values)},
+            linear.jacobian[:, np.r_[0:arm_size, last : wide.size]],
+            np.asfortranarray(linear.jacobian[:count, arm_size : arm_size + len(units)]),
+            {p.name: linear.jacobian[:, arm_size + len(units) + k] for k, p in enumerate(certified_values)},
             np.concatenate(contact),
             np.concatenate(rows),
             np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in length_blocks(model)]),
@@ -211,15 +211,15 @@ class Slopes:
         if frame == CONTACT:
             return np.append(1.0 / self.sigma, np.zeros(len(self.contact) - len(self.sigma)))
         beside = (frame, axis) in BESIDE
-        at = BESIDE.index((frame, axis)) - len(BESIDE) if beside else 6 * frame + AXES.index(axis)
-        return self.axes[:, at]
+        column = BESIDE.index((frame, axis)) - len(BESIDE) if beside else 6 * frame + AXES.index(axis)
+        return self.axes[:, column]
 
 
 class Driven:
     """Columns (R, K) as derivatives by sites times drivers, which are computed where they are asked for.
 
     A driver that is equal in all contacts of a pose is kept once a pose. As an array, it has parts
-    ``[rows, columns]``, of rows in order and different columns, and products ``left @ columns``.
+    ``[rows, columns]``, of rows in order and different columns, and products ``vectors @ columns``.
 
     Parameters
     ----------
@@ -234,17 +234,17 @@ class Driven:
 
     def __init__(self, slopes: Slopes, poses: np.ndarray, parameters: Iterable[Parameter]) -> None:
         self._count, size, first = len(slopes.contact), 0, np.unique(poses, return_index=True)[1]
-        found: dict[tuple[Any, ...], tuple[list[int], bytearray]] = {}
+        groups: dict[tuple[Any, ...], tuple[list[int], bytearray]] = {}
         for size, p in enumerate(parameters, start=1):
             for k, t in enumerate(t for t in p.terms if t.frame != CERTIFICATE):
                 values = np.asarray(t.driver, float)
                 driver = p.sd * (values[slopes.rows] if values.ndim else np.full(len(poses), values))
                 alike = np.array_equal(driver[first][poses], driver)
-                numbers, drivers = found.setdefault((alike, k, t.frame, t.axis), ([], bytearray()))
+                numbers, drivers = groups.setdefault((alike, k, t.frame, t.axis), ([], bytearray()))
                 numbers.append(size - 1)
                 drivers.extend(driver[first] if alike else driver)  # grows in place
         self.shape, self._parts = (len(slopes.residual), size), []
-        for (alike, _, *site), (numbers, drivers) in found.items():
+        for (alike, _, *site), (numbers, drivers) in groups.items():
             slope = slopes.along(*site)
             label = (poses if alike else np.arange(len(poses)))[slopes.contact]
             fold = csr_array((slope, (label, np.arange(self._count))), (np.max(label) + 1, self._count))
@@ -253,20 +253,20 @@ class Driven:
 
     def __getitem__(self, part: tuple[Any, Any]) -> np.ndarray:
         """Some rows (R',) of some columns (K',), (R', K')."""
-        rows, columns = (np.arange(size)[own] for size, own in zip(self.shape, part, strict=True))
+        rows, columns = (np.arange(size)[index] for size, index in zip(self.shape, part, strict=True))
         place, out = np.full(self.shape[1], -1), np.zeros((len(columns), len(rows)))
         place[columns], rows = np.arange(len(columns)), rows[rows < self._count]
         for numbers, drivers, label, slope, _ in self._parts:
-            own = np.flatnonzero(place[numbers] >= 0)
-            if len(own):
-                out[place[numbers[own]], : len(rows)] += drivers[own][:, label[rows]] * slope[rows]
+            chosen = np.flatnonzero(place[numbers] >= 0)
+            if len(chosen):
+                out[place[numbers[chosen]], : len(rows)] += drivers[chosen][:, label[rows]] * slope[rows]
         return out.T
 
-    def __rmatmul__(self, left: np.ndarray) -> np.ndarray:
-        """Products (..., K) with `left` (..., R)."""
-        out = np.zeros((self.shape[1], *left.shape[:-1]))
+    def __rmatmul__(self, vectors: np.ndarray) -> np.ndarray:
+        """Products (..., K) with `vectors` (..., R)."""
+        out = np.zeros((self.shape[1], *vectors.shape[:-1]))
         for numbers, drivers, _, _, fold in self._parts:
-            out[numbers] += drivers @ (fold @ left.T[: self._count])
+            out[numbers] += drivers @ (fold @ vectors.T[: self._count])
         return out.T
 
 

@@ -102,8 +102,8 @@ class _Normal:
         slopes, share = halved(kappa * factor, self.unit).T, weight / self.problem.base
         parts = []
         for rows in self.problem.by_size:
-            own = slopes[rows]
-            parts.append((r[rows], np.einsum("cid,cjd->cij", own, own), share[rows[:, 0]]))
+            by_contact = slopes[rows]
+            parts.append((r[rows], np.einsum("cid,cjd->cij", by_contact, by_contact), share[rows[:, 0]]))
         return Judged.of(parts)
 
 
@@ -190,9 +190,9 @@ def limited(state: State) -> State:
     outlier of any size.
     """
     p = state.problem
-    own = state.residual[: p.count]
-    square = np.bincount(p.contact, own**2)
+    of_contacts = state.residual[: p.count]
+    square = np.bincount(p.contact, of_contacts**2)
     most = limit(np.bincount(p.contact)) * state.kappa**2
     residual = p.residual.copy()
-    residual[: p.count] -= own * (1.0 - np.sqrt(most / np.maximum(square, most)))[p.contact]
+    residual[: p.count] -= of_contacts * (1.0 - np.sqrt(most / np.maximum(square, most)))[p.contact]
     return fit_state(replace(p, residual=residual), state.columns, state.scales, robust=False)

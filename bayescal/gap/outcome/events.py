@@ -174,14 +174,16 @@ def named_events(
         of_columns = [parameters[k].site for k in m.variant.columns]
         sizes = [of_columns.count(site) // sites.count(site) for site in sites]
         parts = np.split(m.variant.columns, np.cumsum(sizes)[:-1])
-        for own in parts:
-            columns = p.pool[:, own]
+        for part in parts:
+            columns = p.pool[:, part]
             same = list(_changes(pool, columns, p))
             if not same:
                 out.pop(m.effect, None)
                 break
-            rest = ~np.isin(h.state.columns, own)
-            without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)
+            others = ~np.isin(h.state.columns, part)
+            without = fit_state(
+                p, h.state.columns[others], h.state.scales[others], h.state.weight, robust=False
+            )
             before = out.get(m.effect, ())
             event, _ = _searched(without, h.state.weight, columns, same, _apart(m.variant, before, c))
             out[m.effect] = (*before, _with_fitted(event, m.variant, len(before)))
@@ -241,10 +243,10 @@ def _axes(parameters: Sequence[Parameter]) -> list[str]:
 
 def _about(p: Parameter, c: Circumstances) -> str:
     """The horizontal axis of a rotation of the base, as text: its azimuth in F0."""
-    at = int(np.argmax(np.abs(p.terms[0].driver)))
+    row = int(np.argmax(np.abs(p.terms[0].driver)))
     parts = np.zeros(3)
     for term in p.terms:
-        parts["xyz".index(term.axis[1])] = np.asarray(term.driver)[at]
+        parts["xyz".index(term.axis[1])] = np.asarray(term.driver)[row]
     x, y, _ = c.chain.base[:3, :3] @ parts
     azimuth = round(float(np.degrees(np.arctan2(y, x)))) % 180
     return f"about the horizontal axis at {azimuth} deg from x"

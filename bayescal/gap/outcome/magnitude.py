@@ -131,17 +131,17 @@ def _contacts(
 ) -> Measured:
     """Validation residuals and simulated ones: parameters of the posterior, estimated noise."""
     by, residual = held.by_parameters[mine], held.residual[mine]
-    own = held.noise[mine] * np.where(held.group[mine] == held.main, factor, 1.0)
+    sigma = held.noise[mine] * np.where(held.group[mine] == held.main, factor, 1.0)
     count = int(np.clip(OUTCOME.normals // len(residual), 100, 2000))
     scale = noise.draws(rng)[:count] / noise.sd
     simulated = rng.standard_normal((count, by.shape[1])) @ by.T
     if held.by_readings is not None:
         by = held.by_readings[mine] * factor
-        own = np.sqrt(np.maximum(own**2 - np.sum(by**2, axis=1), 0.0))
+        sigma = np.sqrt(np.maximum(sigma**2 - np.sum(by**2, axis=1), 0.0))
         for one in np.unique(held.block[mine]):
             image = held.block[mine] == one
             simulated[:, image] += scale[:, None] * (rng.standard_normal((count, by.shape[1])) @ by[image].T)
-    simulated += scale[:, None] * own * rng.standard_normal((count, len(own)))
+    simulated += scale[:, None] * sigma * rng.standard_normal((count, len(sigma)))
     contacts = len(np.unique(held.rows[mine]))
     return _measured(what, contacts, residual, np.sqrt(np.mean(simulated**2, axis=1)))
 
@@ -261,17 +261,17 @@ def shrinkage(
         # replaces the noise of the fit by the best estimate, in the same proportions of rows
         main = mine & (after.group == after.main)
         fit = rms(after.noise[main]) if np.any(main) else NAN
-        own = np.where(main, after.noise * (noise / fit), after.noise)[mine]
-        floor = own**2 + np.sum(after.by_parameters[mine] ** 2, axis=1)
+        sigma = np.where(main, after.noise * (noise / fit), after.noise)[mine]
+        floor = sigma**2 + np.sum(after.by_parameters[mine] ** 2, axis=1)
         squares = np.stack(
-            [before.residual[mine] ** 2, after.residual[mine] ** 2, floor, own**2 * main[mine]]
+            [before.residual[mine] ** 2, after.residual[mine] ** 2, floor, sigma**2 * main[mine]]
         )
         count = len(np.unique(before.rows[mine]))
         expected = expects(before.residual[mine], after.residual[mine], after.sd[mine])
         out.append(of_blocks(kind, count, squares, before.block[mine], expected, noise_dof, rng))
     if len(before.distances.error):
-        found = of_distances(before.distances, after.distances, noise_dof, rng)
-        out.insert(1 if out and out[0].what == "planes" else 0, found)
+        distances = of_distances(before.distances, after.distances, noise_dof, rng)
+        out.insert(1 if out and out[0].what == "planes" else 0, distances)
     return tuple(out)
 
 
@@ -289,8 +289,8 @@ def expects(before: np.ndarray, after: np.ndarray, sd: np.ndarray) -> tuple[floa
     sd : np.ndarray, shape (R,)
         Predicted by the refitted model, m.
     """
-    own = np.mean(sd**2)
-    return float(np.sqrt(np.mean((before - after) ** 2) + own)), float(np.sqrt(own))
+    variance = np.mean(sd**2)
+    return float(np.sqrt(np.mean((before - after) ** 2) + variance)), float(np.sqrt(variance))
 
 
 def of_blocks(

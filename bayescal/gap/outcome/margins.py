@@ -57,17 +57,17 @@ def margins(
     """
     scene = estimate.model.scene
     r = residuals(estimate, held, noise, noise_dof)
-    found: list[tuple[str, str, Margin]] = []
+    entries: list[tuple[str, str, Margin]] = []
     for margin, bins in _bins(scene, r).items():
         for family, (label, text, mask) in bins:
             tested = margin_of(r, label, text, mask)
             if tested is not None:
-                found.append((margin, family, tested))
-    corrected = holm(np.array([m.p_value for _, _, m in found]))
-    found = [(a, b, replace(m, p_value=float(p))) for (a, b, m), p in zip(found, corrected, strict=True)]
+                entries.append((margin, family, tested))
+    corrected = holm(np.array([m.p_value for _, _, m in entries]))
+    entries = [(a, b, replace(m, p_value=float(p))) for (a, b, m), p in zip(entries, corrected, strict=True)]
     out: dict[str, tuple[Margin, ...]] = {}
     for margin in MARGINS:
-        mine = [(family, m) for kind, family, m in found if kind == margin]
+        mine = [(family, m) for kind, family, m in entries if kind == margin]
         if margin == "joint":
             mine = [pair for pair in mine if pair in _most_deviant(mine)]
         out[margin] = tuple(m for _, m in mine)
@@ -78,8 +78,8 @@ def _most_deviant(pairs: list[tuple[str, Margin]]) -> list[tuple[str, Margin]]:
     """Of each family the bins with the smallest p-value, then the largest RMS."""
     out = []
     for family in dict.fromkeys(name for name, _ in pairs):
-        own = sorted((p for p in pairs if p[0] == family), key=lambda p: (p[1].p_value, -p[1].rms))
-        out += own[: OUTCOME.joints_shown]
+        ranked = sorted((p for p in pairs if p[0] == family), key=lambda p: (p[1].p_value, -p[1].rms))
+        out += ranked[: OUTCOME.joints_shown]
     return out
 
 
@@ -106,15 +106,17 @@ def residuals(
     sd = np.concatenate([1.0 / weights.whitening(b) for b in blocks])
     group = np.concatenate([np.full(b.residuals, b.group) for b in blocks])
     white = linear.residual[:count]
-    left = np.sqrt(np.maximum(1.0 - np.where(kept, np.sum(spread**2, axis=1), 0.0), 0.05))
-    parts = [(white * sd / left, white, spread, kept, ~kept, rows, group)]
+    residual_ratio = np.sqrt(np.maximum(1.0 - np.where(kept, np.sum(spread**2, axis=1), 0.0), 0.05))
+    parts = [(white * sd / residual_ratio, white, spread, kept, ~kept, rows, group)]
     if held.how == VALIDATED:
         shared = held.by_parameters / held.noise[:, None]
         never = np.zeros(len(held.rows), bool)
-        own = (held.residual, held.residual / held.noise, shared, never, held.gross, held.rows, held.group)
+        normalised = held.residual / held.noise
+        validation = (held.residual, normalised, shared, never, held.gross, held.rows, held.group)
         width = max(spread.shape[1], shared.shape[1])
         parts = [
-            (*p[:2], np.pad(p[2], ((0, 0), (0, width - p[2].shape[1]))), *p[3:]) for p in (parts[0], own)
+            (*p[:2], np.pad(p[2], ((0, 0), (0, width - p[2].shape[1]))), *p[3:])
+            for p in (parts[0], validation)
         ]
     r, white, spread, fitted, suspect, rows, group = (np.concatenate(p) for p in zip(*parts, strict=True))
     dof = estimate.dof[held.main]
@@ -162,8 +164,8 @@ def margin_of(r: Residuals, label: str, text: str, mask: np.ndarray) -> Margin |
         p.append(float(f_sf(np.sum(e**2) / trace, max(trace**2 / square, 1.0), r.dof)))
     if variance > OUTCOME.absorbed * len(e):
         p.append(2 * float(t_sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
-    own = r.residual[mask]
-    return Margin(label, text, contacts, rms(own), float(np.mean(own)), min(2 * min(p), 1.0))
+    residual = r.residual[mask]
+    return Margin(label, text, contacts, rms(residual), float(np.mean(residual)), min(2 * min(p), 1.0))
 
 
 def _bins(scene: Scene, r: Residuals) -> dict[str, list[tuple[str, Bin]]]:
@@ -253,7 +255,7 @@ def residuals_in_time(before: Estimate, after: Estimate) -> tuple[np.ndarray, np
         rows.append(np.tile(a.rows, a.kind.rows))
         old.append(before.residuals(a).ravel())
         new.append(after.residuals(b).ravel())
-    at = np.concatenate(rows)
+    session_rows = np.concatenate(rows)
     m = before.model.scene.dataset.measurements
-    order = np.lexsort((at, at if m.time is None else m.time[at]))
-    return at[order], np.concatenate(old)[order], np.concatenate(new)[order]
+    order = np.lexsort((session_rows, session_rows if m.time is None else m.time[session_rows]))
+    return session_rows[order], np.concatenate(old)[order], np.concatenate(new)[order]

@@ -44,11 +44,11 @@ def displaced(arm: Estimate, complete: Estimate, covariance: np.ndarray | None) 
     """
     if complete is arm or covariance is None:
         return ()
-    own, parameters = arm.model.slices[ARM], arm.model.parameters
+    part, parameters = arm.model.slices[ARM], arm.model.parameters
     values = dict(zip(complete.model.names, complete.model.physical(complete.z).tolist(), strict=True))
-    before = arm.model.physical(arm.z)[own]
+    before = arm.model.physical(arm.z)[part]
     change = np.array([values.get(p.name, v) for p, v in zip(parameters, before, strict=True)]) - before
-    u = arm.model.sd * np.sqrt(np.diag(covariance)[own])
+    u = arm.model.sd * np.sqrt(np.diag(covariance)[part])
     k = int(np.argmax(np.abs(change) / u))
     if abs(change[k]) <= OUTCOME.displaced * u[k]:
         return ()
@@ -237,8 +237,7 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
     for key, index in groups:
         site, driver, unit = key
         size = effect.sizes.get(unit, DEVIATION)
-        own = np.ix_(index, index)
-        x, c = values[index], covariance[own]
+        x, c = values[index], covariance[np.ix_(index, index)]
         value, u = propagated(size.value, x, c)
         if not size.joins and model.parameters[index[0]].positive:
             value = value + model.parameters[index[0]].nominal

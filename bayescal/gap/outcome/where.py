@@ -130,25 +130,27 @@ def neighbours(member: Member, hypothesis: Hypothesis, pool: Pool) -> tuple[Site
     like = {NEIGHBOURS.get(driver.kind) for _, driver in places}
     if len(like) != 1 or None in like or any(site.number < last - 1 for site, _ in places):
         return ()
-    own = np.isin(state.columns, member.variant.columns)
-    predicted = state.problem.pool[:, state.columns[own]] @ state.amplitudes[own]
-    bare = fit_state(state.problem, state.columns[~own], state.scales[~own], state.weight, robust=False)
-    found = []
+    of_member = np.isin(state.columns, member.variant.columns)
+    predicted = state.problem.pool[:, state.columns[of_member]] @ state.amplitudes[of_member]
+    bare = fit_state(
+        state.problem, state.columns[~of_member], state.scales[~of_member], state.weight, robust=False
+    )
+    sites = []
     for k, cell in enumerate(pool.cells):
         if (cell.site.kind, cell.driver.kind) in like:
-            for at in np.flatnonzero(pool.owner == k):
-                left = unabsorbed(with_set(bare, pool, int(at), OUTCOME.free), predicted)
-                found += [cell.site] if np.sum(left**2) < SEARCH.detectable else []
-    return tuple(dict.fromkeys(found))
+            for index in np.flatnonzero(pool.owner == k):
+                residual = unabsorbed(with_set(bare, pool, int(index), OUTCOME.free), predicted)
+                sites += [cell.site] if np.sum(residual**2) < SEARCH.detectable else []
+    return tuple(dict.fromkeys(sites))
 
 
 def _place(of: Contribution, without: State, with_it: State, tests: int, scale: Scale) -> Place:
     """The location of a contribution, by the fits without and with it; one of so many `tests`."""
     p = without.problem
     bare = fit_state(without_nuisance(p, scale.size), (), (), without.weight, robust=False)
-    left = visible(bare, of.motion)
+    residual = visible(bare, of.motion)
     kept = without.weight[: p.lengths] > 0
-    size = rms(left[kept]) if np.any(kept) else 0.0
+    size = rms(residual[kept]) if np.any(kept) else 0.0
     p_value = f_test(without, of.columns)
     curve = _curve(of, with_it, scale.circumstances)
     family = min(1.0, p_value * tests)
@@ -205,11 +207,11 @@ def places_named(hypothesis: Hypothesis, named: Sequence[Parameter], scale: Scal
         if len(groups) > 1 and len(drivers) == 1:  # a common cause at all joints is listed before its parts
             groups = {(ARM, drivers.pop()): member.variant.columns.tolist()} | groups
         mine = []
-        for (site, driver), own in groups.items():
-            others = ~np.isin(state.columns, own)
+        for (site, driver), index in groups.items():
+            others = ~np.isin(state.columns, index)
             without = fit_state(p, state.columns[others], state.scales[others], state.weight, robust=False)
-            parameters, columns = [named[k] for k in own], p.pool[:, own]
-            amplitude = np.array([amplitudes[k] for k in own])
+            parameters, columns = [named[k] for k in index], p.pool[:, index]
+            amplitude = np.array([amplitudes[k] for k in index])
             gain = state.log_evidence - without.log_evidence
             of = Contribution(site, driver, parameters, columns, amplitude, gain, member.effect)
             mine.append(_place(of, without, state, len(groups), scale))

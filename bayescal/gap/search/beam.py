@@ -87,11 +87,9 @@ class Search:
         self, members: Sequence[Member], starts: Sequence[np.ndarray | None] = (None,)
     ) -> Hypothesis:
         """Fit a set of effects from several initial row weights, and return the best fit."""
-        columns = [m.variant.columns for m in members]
-        scales = [np.full(len(m.variant.columns), m.scale) for m in members]
-        at = np.concatenate([np.empty(0, int), *columns])
-        by = np.concatenate([np.empty(0), *scales])
-        state = max((self._state(at, by, start) for start in starts), key=lambda s: s.log_evidence)
+        columns = np.concatenate([np.empty(0, int), *(m.variant.columns for m in members)])
+        scales = np.concatenate([np.empty(0), *(np.full(len(m.variant.columns), m.scale) for m in members)])
+        state = max((self._state(columns, scales, start) for start in starts), key=lambda s: s.log_evidence)
         return self._of(members, state)
 
     def _of(self, members: Sequence[Member], state: State) -> Hypothesis:
@@ -99,13 +97,13 @@ class Search:
         evidence = state.log_evidence + sum(m.averaging for m in members) + self.signs(state)
         return Hypothesis(tuple(members), state, evidence, self.prior(len(members)))
 
-    def _state(self, at: np.ndarray, by: np.ndarray, start: np.ndarray | None) -> State:
-        """The fit of columns `at` with scales `by`; of no initial row weights once: a search asks again."""
+    def _state(self, columns: np.ndarray, scales: np.ndarray, start: np.ndarray | None) -> State:
+        """The fit of `columns` with `scales`; of no initial row weights once: a search asks again."""
         if start is not None:
-            return fit_state(self.problem, at, by, start, self.robust)
-        key = at.tobytes() + by.tobytes()
+            return fit_state(self.problem, columns, scales, start, self.robust)
+        key = columns.tobytes() + scales.tobytes()
         if key not in self.anew:
-            self.anew[key] = fit_state(self.problem, at, by, None, self.robust)
+            self.anew[key] = fit_state(self.problem, columns, scales, None, self.robust)
         return self.anew[key]
 
     def signs(self, state: State) -> float:
@@ -125,26 +123,28 @@ class Search:
         """The gain of each effect not in `without` that is added to a state."""
         bayes = weigh_sets(state, self._bank)
         out, first = {}, 0
-        for name, own in self.candidates.variants.items():
-            table = bayes[first : first + len(own)] + np.array([v.log_prior for v in own])[:, None]
+        for name, variants in self.candidates.variants.items():
+            table = bayes[first : first + len(variants)] + np.array([v.log_prior for v in variants])[:, None]
             table = table + SCALE_PRIOR
-            first += len(own)
+            first += len(variants)
             if name in without:
                 continue
             i, k = np.unravel_index(int(np.argmax(table)), table.shape)
             gain = float(log_sum(table))
-            best = float(table[i, k] - own[i].log_prior - SCALE_PRIOR[k])
+            best = float(table[i, k] - variants[i].log_prior - SCALE_PRIOR[k])
             order = np.argsort(-np.max(table, axis=1))[: SEARCH.fitted + 1]
             others = tuple(
-                Member(own[o], float(SCALES[int(np.argmax(table[o]))]), 0.0) for o in order.tolist() if o != i
+                Member(variants[o], float(SCALES[int(np.argmax(table[o]))]), 0.0)
+                for o in order.tolist()
+                if o != i
             )
-            out[name] = Scored(Member(own[i], float(SCALES[k]), gain - best), gain, others)
+            out[name] = Scored(Member(variants[i], float(SCALES[k]), gain - best), gain, others)
         return out
 
     @cached_property
     def _bank(self) -> Bank:
         """All variants of all candidates, in order; from `run` on they are those that are detectable."""
-        sets = [v.columns for own in self.candidates.variants.values() for v in own]
+        sets = [v.columns for variants in self.candidates.variants.values() for v in variants]
         p = self.problem
         return Bank(p.pool, tuple(sets), p.count, p.worth, p.jacobian)
 
@@ -156,27 +156,27 @@ class Search:
 
     def extend(self, base: Hypothesis, least: float) -> list[Hypothesis]:
         """Every hypothesis with a further effect whose gain is at least this number of nats."""
-        found = [(self.additions(base.state, base.names), base.state.weight)]
+        tables = [(self.additions(base.state, base.names), base.state.weight)]
         if base.state.gross:
             whole = fit_state(self.problem, base.state.columns, base.state.scales, robust=False)
-            found.append((self.additions(whole, base.names), np.ones_like(whole.weight)))
+            tables.append((self.additions(whole, base.names), np.ones_like(whole.weight)))
         out = []
-        for name in found[0][0]:
+        for name in tables[0][0]:
             if not self.allowed((*base.names, name)):
                 continue
             key = frozenset((*base.names, name))
             tried = [
                 self.hypothesis((*base.members, table[name].member), (None, start))
-                for table, start in found
-                if table[name].gain >= least or (len(found) == 1 and not base.members)
+                for table, start in tables
+                if table[name].gain >= least or (len(tables) == 1 and not base.members)
             ]
             if not tried:
                 continue
             best = max(tried, key=lambda h: h.log_evidence)
             if best.log_evidence - base.log_evidence >= SEARCH.large:
-                best = self._refitted(base, best, found[0][0][name].others)
-            known = self.hypotheses.get(key)
-            if known is None or best.log_evidence > known.log_evidence:
+                best = self._refitted(base, best, tables[0][0][name].others)
+            earlier = self.hypotheses.get(key)
+            if earlier is None or best.log_evidence > earlier.log_evidence:
                 self.hypotheses[key] = best
             out.append(self.hypotheses[key])
         return out
@@ -196,13 +196,14 @@ class Search:
 
         def weight(m: Member) -> float:
             """Log evidence of a variant and scale, with their prior within the effect."""
-            at = int(np.argmin(np.abs(np.log(SCALES / m.scale))))
-            return fits[m].log_evidence + m.variant.log_prior + float(SCALE_PRIOR[at])
+            nearest = int(np.argmin(np.abs(np.log(SCALES / m.scale))))
+            return fits[m].log_evidence + m.variant.log_prior + float(SCALE_PRIOR[nearest])
 
         fit((replace(best.members[-1], averaging=0.0), *others))
         lead = max(fits, key=weight)
-        at = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
-        fit([replace(lead, scale=float(SCALES[k])) for k in (at - 1, at + 1) if 0 <= k < len(SCALES)])
+        nearest = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
+        beside = [float(SCALES[k]) for k in (nearest - 1, nearest + 1) if 0 <= k < len(SCALES)]
+        fit([replace(lead, scale=scale) for scale in beside])
         member = max(fits, key=weight)
         total = float(log_sum(np.array([weight(m) for m in fits])))
         chosen = replace(member, averaging=total - fits[member].log_evidence)
@@ -212,8 +213,9 @@ class Search:
         """Effects that are not detectable at any plausible amplitude are not candidates."""
         whole = fit_state(self.problem, state.columns, state.scales, robust=False)
         projected = project(whole, self.problem.pool)
-        own = np.einsum("rk,rk->k", projected.weighted, projected.weighted)  # without a copy of all columns
-        seen = own - np.einsum("dk,dk->k", projected.across, projected.solved)
+        weighted = projected.weighted
+        squares = np.einsum("rk,rk->k", weighted, weighted)  # without a copy of all columns
+        seen = squares - np.einsum("dk,dk->k", projected.across, projected.solved)
         seen *= (whole.kappa / state.kappa) ** 2  # at the noise without outliers
         most = {
             name: max(float(np.sum(seen[v.columns])) for v in variants)

@@ -37,15 +37,15 @@ def unaliased(parameters: Sequence[Parameter], c: Circumstances) -> list[bool]:
     for k, p in enumerate(parameters):
         if p.driver.kind == "angle" and p.driver.order > HARMONICS:
             ripples.setdefault(p.driver.joint, []).append(k)
-    for j, own in ripples.items():
+    for j, indices in ripples.items():
         angle = c.q[c.fitted, j - 1]
         slow = [np.ones_like(angle), angle]
         slow += [f(k * angle) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
         directions, size, _ = np.linalg.svd(np.column_stack(slow), full_matrices=False)
         basis = directions[:, size > 1e-9 * size[0]]
-        waves = np.column_stack([np.asarray(parameters[k].terms[0].driver)[c.fitted] for k in own])
-        left = np.mean((waves - basis @ (basis.T @ waves)) ** 2, axis=0)
-        for k, square in zip(own, left, strict=True):
+        waves = np.column_stack([np.asarray(parameters[k].terms[0].driver)[c.fitted] for k in indices])
+        mean_squares = np.mean((waves - basis @ (basis.T @ waves)) ** 2, axis=0)
+        for k, square in zip(indices, mean_squares, strict=True):
             out[k] = bool(square > SEARCH.aliased / 2)
     return out
 
@@ -119,21 +119,21 @@ def unscreened(c: Circumstances, effects: tuple[str, ...], without: Sequence[Par
     return assessed
 
 
-def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumstances) -> Candidates:
+def with_parts(existing: Candidates, name: str, parts: Sequence[Part], c: Circumstances) -> Candidates:
     """Candidates with parts of an effect that the baseline lacks: each part alone, and all together."""
     effect, setting = named(name)
     parameters = [p for p in parameters_of((name,), c) if any(part.holds(p) for part in parts)]
 
-    def variant(own: Sequence[Part], weight: float) -> Variant:
-        at = [k for k, p in enumerate(parameters) if any(part.holds(p) for part in own)]
-        sites, columns = tuple(part.site for part in own), len(known.pool) + np.array(at, int)
-        places = tuple(dict.fromkeys((parameters[k].site, parameters[k].driver) for k in at))
+    def variant(chosen: Sequence[Part], weight: float) -> Variant:
+        indices = [k for k, p in enumerate(parameters) if any(part.holds(p) for part in chosen)]
+        sites, columns = tuple(part.site for part in chosen), len(existing.pool) + np.array(indices, int)
+        places = tuple(dict.fromkeys((parameters[k].site, parameters[k].driver) for k in indices))
         return Variant(effect.name, setting, sites, columns, -float(np.log(weight)), places)
 
     variants = [variant(parts, 1 if len(parts) == 1 else 2)]
     variants += [variant([part], 2 * len(parts)) for part in parts if len(parts) > 1]
-    pool, every = (*known.pool, *parameters), known.variants | {effect.name: tuple(variants)}
-    return replace(known, pool=pool, variants=every, partly=(*known.partly, effect.name))
+    pool, every = (*existing.pool, *parameters), existing.variants | {effect.name: tuple(variants)}
+    return replace(existing, pool=pool, variants=every, partly=(*existing.partly, effect.name))
 
 
 def wide(effect: Effect, c: Circumstances) -> bool:
@@ -142,28 +142,28 @@ def wide(effect: Effect, c: Circumstances) -> bool:
 
 
 def extended(
-    known: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
+    existing: Candidates, effect: Effect, settings: Sequence[float | None], c: Circumstances, lacks: str = ""
 ) -> Candidates:
     """Candidates with some settings of a further effect; each has the prior of one setting of the scan."""
     tables = [(value, effect.at(c, value)) for value in settings]
     visible = [(value, list(compress(table, unaliased(table, c)))) for value, table in tables]
-    found = [(value, parameters) for value, parameters in visible if parameters]
-    if not found:
+    usable = [(value, parameters) for value, parameters in visible if parameters]
+    if not usable:
         lacks = lacks or (ALIASED if any(table for _, table in tables) else NOTHING)
-        return replace(known, missing=known.missing | {effect.name: lacks})
+        return replace(existing, missing=existing.missing | {effect.name: lacks})
     sites = dict.fromkeys(p.site for _, table in tables for p in table)
-    seen = {p.site for _, parameters in found for p in parameters}
-    missing = known.missing | {f"{effect.name} at {site}": ALIASED for site in sites if site not in seen}
-    count = max(len(found), 0 if effect.scan is None else len(effect.scan.values(c)))
+    seen = {p.site for _, parameters in usable for p in parameters}
+    missing = existing.missing | {f"{effect.name} at {site}": ALIASED for site in sites if site not in seen}
+    count = max(len(usable), 0 if effect.scan is None else len(effect.scan.values(c)))
     forms = [] if lacks else _other_forms(effect, c, dict(tables).get(None))
     usual = float(np.log1p(-sum(form.odds for form, _, _ in forms) * SEARCH.other_forms / max(len(forms), 1)))
-    pool, variants = list(known.pool), []
-    for value, parameters in found:
+    pool, variants = list(existing.pool), []
+    for value, parameters in usable:
         joined = in_proportion(effect.name, parameters)
         weight = usual - float(np.log(count)) - float(np.log(2.0)) * len(joined)
         whole = next(len(table) for setting, table in tables if setting == value)
-        own = _subsets(effect, value, parameters, len(pool), weight)
-        variants += [replace(v, partial=len(parameters) < whole) for v in own]
+        subsets = _subsets(effect, value, parameters, len(pool), weight)
+        variants += [replace(v, partial=len(parameters) < whole) for v in subsets]
         pool += parameters
         places = tuple(dict.fromkeys((p.site, p.driver) for p in parameters))
         variants += [
@@ -175,8 +175,8 @@ def extended(
         weight = float(np.log(form.odds * SEARCH.other_forms / len(forms)))
         variants += _subsets(effect, form.name, parameters, len(pool), weight, others)
         pool += parameters
-    every = known.variants | {effect.name: tuple(variants)}
-    return replace(known, pool=tuple(pool), variants=every, missing=missing)
+    every = existing.variants | {effect.name: tuple(variants)}
+    return replace(existing, pool=tuple(pool), variants=every, missing=missing)
 
 
 @dataclass(frozen=True)
@@ -188,34 +188,37 @@ class Single:
     driver: Driver
 
 
-def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], count: int) -> Candidates:
-    """Candidates with several settings of an effect, at one or several sites: the first two of `own`, ...
+def with_own_settings(
+    existing: Candidates, effect: Effect, singles: Sequence[Single], count: int
+) -> Candidates:
+    """Candidates with several settings of an effect, at one or several sites: the first two of `singles`, ...
 
     They share `SEARCH.other_forms` of the prior of the effect: by their number of sites, then by the choice
     of sites and of settings.
 
     Parameters
     ----------
-    own : sequence of Single
+    singles : sequence of Single
         The leading ones; their settings are candidates already.
     count : int
         Number of settings that were tried, at all sites.
     """
-    if effect.scan is None or effect.name not in known.variants:
-        return known
-    usual = known.variants[effect.name]
+    if effect.scan is None or effect.name not in existing.variants:
+        return existing
+    usual = existing.variants[effect.name]
     shared = [replace(v, log_prior=v.log_prior + float(np.log(1.0 - SEARCH.other_forms))) for v in usual]
     single = {(v.setting, v.places): v.columns for v in usual}
     sites, several = len({site for v in usual for site, _ in v.places}), effect.scan.several
-    for size in range(2, len(own) + 1):
-        some, choices = own[:size], comb(sites, size) if several == 1 else comb(sites + size - 1, size)
+    for size in range(2, len(singles) + 1):
+        some, choices = singles[:size], comb(sites, size) if several == 1 else comb(sites + size - 1, size)
         share = SEARCH.other_forms / (max(sites, several) - 1) / choices
-        settings, at = tuple((one.site, one.setting) for one in some), tuple(one.site for one in some)
+        settings = tuple((one.site, one.setting) for one in some)
+        chosen_sites = tuple(one.site for one in some)
         columns = np.concatenate([single[one.setting, ((one.site, one.driver),)] for one in some])
         log_prior = float(np.log(share) - size * np.log(count / sites))
         places = tuple((one.site, one.driver) for one in some)
-        shared.append(Variant(effect.name, settings, at, columns, log_prior, places))
-    return replace(known, variants=known.variants | {effect.name: tuple(shared)})
+        shared.append(Variant(effect.name, settings, chosen_sites, columns, log_prior, places))
+    return replace(existing, variants=existing.variants | {effect.name: tuple(shared)})
 
 
 def _other_forms(
@@ -224,12 +227,14 @@ def _other_forms(
     """Other forms of an effect in a session, their parameters, and sites that differ from the usual form."""
     if not effect.forms:
         return []
-    known = {p.name: p.terms for p in (effect.at(c) if usual is None else usual)}
+    usual_terms = {p.name: p.terms for p in (effect.at(c) if usual is None else usual)}
     out = []
     for form in effect.forms:
         parameters = effect.at(c, form.name)
         same = {
-            p.name for p in parameters if p.name in known and same_terms(p.terms, known[p.name], np.allclose)
+            p.name
+            for p in parameters
+            if p.name in usual_terms and same_terms(p.terms, usual_terms[p.name], np.allclose)
         }
         if sites := {p.site for p in parameters if p.name not in same}:
             out.append((form, parameters, sites))
@@ -237,7 +242,7 @@ def _other_forms(
 
 
 @dataclass(frozen=True)
-class _Own:
+class _SiteColumns:
     """Columns that act together at one site, and what they are."""
 
     site: Site
@@ -245,30 +250,34 @@ class _Own:
     places: tuple[tuple[Site, Driver], ...]
 
     @classmethod
-    def of(cls, parameters: Sequence[Parameter], first: int, joined: bool) -> list[_Own]:
+    def of(cls, parameters: Sequence[Parameter], first: int, joined: bool) -> list[_SiteColumns]:
         """Of parameters whose columns begin at `first`; `joined`: all orders of a coordinate act together."""
-        found: dict[tuple[Site, Driver], list[int]] = {}
+        groups: dict[tuple[Site, Driver], list[int]] = {}
         for k, p in enumerate(parameters):
-            found.setdefault((p.site, p.driver.course if joined else p.driver), []).append(k)
+            groups.setdefault((p.site, p.driver.course if joined else p.driver), []).append(k)
         return [
-            cls(site, first + np.array(own), tuple(dict.fromkeys((site, parameters[k].driver) for k in own)))
-            for (site, _), own in found.items()
+            cls(
+                site,
+                first + np.array(indices),
+                tuple(dict.fromkeys((site, parameters[k].driver) for k in indices)),
+            )
+            for (site, _), indices in groups.items()
         ]
 
 
 def _subsets(
     effect: Effect, value: Setting, parameters: list[Parameter], first: int, log_prior: float,
-    own: Collection[Site] = (),
+    sites: Collection[Site] = (),
 ) -> list[Variant]:  # fmt: skip
-    """An effect at all sites and at each single site, or only at each of `own` where given."""
-    found = _Own.of(parameters, first, joined=isinstance(value, str))
+    """An effect at all sites and at each single site, or only at each of `sites` where given."""
+    by_site = _SiteColumns.of(parameters, first, joined=isinstance(value, str))
     every = np.arange(first, first + len(parameters))
-    places = tuple(place for one in found for place in one.places)
-    if len(found) == 1 or effect.whole:
+    places = tuple(place for one in by_site for place in one.places)
+    if len(by_site) == 1 or effect.whole:
         return [Variant(effect.name, value, (), every, log_prior, places)]
     if effect.alternatives:
-        return _alternatives(effect, value, found, log_prior)
-    single = [one for one in found if not own or one.site in own]
+        return _alternatives(effect, value, by_site, log_prior)
+    single = [one for one in by_site if not sites or one.site in sites]
     half = log_prior - np.log(2.0)
     alone = half - np.log(len(single))
     return [Variant(effect.name, value, (), every, half, places)] + [
@@ -276,9 +285,11 @@ def _subsets(
     ]
 
 
-def _alternatives(effect: Effect, value: Setting, found: Sequence[_Own], log_prior: float) -> list[Variant]:
+def _alternatives(
+    effect: Effect, value: Setting, by_site: Sequence[_SiteColumns], log_prior: float
+) -> list[Variant]:
     """An effect at its first site, or at one of the others, which share `SEARCH.other_forms` of its prior."""
-    other = log_prior + float(np.log(SEARCH.other_forms / (len(found) - 1)))
-    out = [Variant(effect.name, value, (one.site,), one.columns, other, one.places) for one in found]
+    other = log_prior + float(np.log(SEARCH.other_forms / (len(by_site) - 1)))
+    out = [Variant(effect.name, value, (one.site,), one.columns, other, one.places) for one in by_site]
     first = log_prior + float(np.log(1.0 - SEARCH.other_forms))
     return [replace(out[0], sites=(), log_prior=first), *out[1:]]

@@ -124,9 +124,9 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, n + 1):
         site = joint(j)
         for k, forms in enumerate(courses, start=1):
-            waves = [at_joint(c, j, own, side) for side in moves(c, j) for own, _ in forms]
+            waves = [at_joint(c, j, functions, side) for side in moves(c, j) for functions, _ in forms]
             yield Cell(site, by_reading(c.robot, k), tuple(waves))
-            bends = [at_joint(c, j, [d], side) for side in moves(c, j) for _, own in forms for d in own]
+            bends = [at_joint(c, j, [d], side) for side in moves(c, j) for _, knees in forms for d in knees]
             yield Cell(site, by_reading(c.robot, k, form="beyond"), tuple(bends))
         if not c.robot.slides[j - 1]:
             yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
@@ -141,7 +141,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides_of(c, j)]
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
             play = [at_joint(c, j, [sense(v)], side) for side, v in speeds]
-            yield Cell(site, Driver("direction", j), tuple(play), known="backlash" in EFFECTS)
+            yield Cell(site, Driver("direction", j), tuple(play), of_known_effect="backlash" in EFFECTS)
             late = [at_joint(c, j, [v / rms(v[c.fitted])], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
 
@@ -154,9 +154,9 @@ def _courses(c: Circumstances, k: int) -> list[tuple[list[np.ndarray], list[np.n
 
 def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
     """Piecewise linear functions with a knee at a value of a coordinate x (N,), on either side of it."""
-    for at in np.quantile(x[fitted], CELLS.bends):
+    for knee in np.quantile(x[fitted], CELLS.bends):
         for side in (1.0, -1.0):
-            line = np.maximum(side * (x - at), 0.0)
+            line = np.maximum(side * (x - knee), 0.0)
             most = float(np.max(line[fitted]))
             if most > 0 and np.sum(line[fitted] > 0) >= CELLS.fewest:
                 yield 2.0 * line / most
@@ -211,7 +211,7 @@ def _time(c: Circumstances) -> Iterator[Cell]:
         clocks |= {"count": [order], "activity": list(_activity(c, c.time)), "wait": list(_waits(c, c.time))}
     count = len(c.fitted)
     moments = CELLS.moments if count > 3 * CELLS.fewest else 0
-    at = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
+    positions = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
     for site, ways in movers(c).items():
         for name, of in clocks.items():
             courses = [smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves) for clock in of]
@@ -220,10 +220,12 @@ def _time(c: Circumstances) -> Iterator[Cell]:
             sets = (tuple(p for w in waves for p in move(w)) for waves in courses if waves for move in ways)
             yield Cell(site, Driver(name), tuple(sets))
         steps = [
-            tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in _within(c, move, at)
+            tuple(move((order >= c.fitted[k]).astype(float)))
+            for move in ways
+            for k in _within(c, move, positions)
         ]
-        known = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
-        yield Cell(site, Driver("event"), tuple(steps), known=known)
+        of_known_effect = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
+        yield Cell(site, Driver("event"), tuple(steps), of_known_effect=of_known_effect)
 
 
 def _settling(clock: np.ndarray, fitted: np.ndarray) -> list[list[np.ndarray]]:
@@ -233,15 +235,15 @@ def _settling(clock: np.ndarray, fitted: np.ndarray) -> list[list[np.ndarray]]:
     return [[np.exp(-since / share)] for share in CELLS.settled if span > 0]
 
 
-def _within(c: Circumstances, move: Mover, at: np.ndarray) -> np.ndarray:
+def _within(c: Circumstances, move: Mover, positions: np.ndarray) -> np.ndarray:
     """Places among the fitted rows with enough contacts before and after that a change there would move.
 
     Without any before it, a change is a constant: an error of a certified value.
     """
     driven = [np.asarray(t.driver) for p in move(np.ones(len(c.q))) for t in p.terms]
     moved = np.cumsum(np.any(np.not_equal(driven, 0.0), axis=0)[c.fitted])
-    before = np.concatenate([[0], moved])[at]
-    return at[(before >= CELLS.few) & (moved[-1] - before >= CELLS.few)]
+    before = np.concatenate([[0], moved])[positions]
+    return positions[(before >= CELLS.few) & (moved[-1] - before >= CELLS.few)]
 
 
 def _waits(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
@@ -325,8 +327,8 @@ def _region(c: Circumstances) -> Iterator[Cell]:
     u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
     on = c.touching.astype(float)
     spots = [
-        1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / CELLS.region_size) ** 3)
-        for at in itertools.product(CELLS.region_grid, repeat=3)
+        1.0 / (1.0 + (np.linalg.norm(u - centre, axis=1) / CELLS.region_size) ** 3)
+        for centre in itertools.product(CELLS.region_grid, repeat=3)
     ]
     seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= CELLS.fewest / 2]
     if np.any(c.touching):
@@ -354,14 +356,14 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
         site = location.face(face.name)
         spots = []
         for width, end, count in CELLS.face_spots:
-            at = np.linspace(-end, end, count)[:, None, None]
-            first, second = np.moveaxis(((face.place - at) / width) ** 2, -1, 0)  # (count, N) each
+            centres = np.linspace(-end, end, count)[:, None, None]
+            first, second = np.moveaxis(((face.place - centres) / width) ** 2, -1, 0)  # (count, N) each
             every = np.exp(-0.5 * (first[:, None] + second)).reshape(count**2, -1) * face.rows
             seen = np.sum(every[:, c.fitted] > 0.5, axis=1) >= CELLS.fewest_on_spot
             spots += [at_contact(face.rows, [spot]) for spot in every[seen]]
         yield Cell(site, Driver("face", form="one spot"), tuple(spots))
         form = at_contact(face.rows, [values for _, _, values in shapes(face)])
-        yield Cell(site, Driver("face"), (form,), known="plane-form" in EFFECTS)
+        yield Cell(site, Driver("face"), (form,), of_known_effect="plane-form" in EFFECTS)
 
 
 MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces, *FURTHER, *IMAGES)

@@ -65,8 +65,8 @@ class Aside:
         text, (data, contacts) = "explains the calibration rows but ", LEFT[self.how]
         if self.cost > GATE.loss or not self.share.missing:
             return f"{text}makes {data} less probable, by {self.cost:.1f} nats"
-        found = f"{self.share.value:.2f} ± {self.share.u:.2f}"
-        return f"{text}{contacts} show {found} of the change that it predicts"
+        shown = f"{self.share.value:.2f} ± {self.share.u:.2f}"
+        return f"{text}{contacts} show {shown} of the change that it predicts"
 
 
 @dataclass(frozen=True)
@@ -112,15 +112,18 @@ def confirmed(
             aside.append(Aside(tested[-1], np.inf, UNTESTED, refused=errors.what))
             tested = tested[:-1]
             continue
-        rest = [tested[:k] + tested[k + 1 :] for k in range(len(tested))]
-        alone = [_alone(m, before, _errors(refit, own), errors) for m, own in zip(tested, rest, strict=True)]
+        subsets = [tested[:k] + tested[k + 1 :] for k in range(len(tested))]
+        alone = [
+            _alone(m, before, _errors(refit, subset), errors)
+            for m, subset in zip(tested, subsets, strict=True)
+        ]
         all_of_them = -gain(before[0], before[0], errors[0])
         failing = [k for k, a in enumerate(alone) if a.cost > GATE.loss or a.share.missing]
         if not failing and all_of_them <= GATE.loss:
             break
         k = max(failing or range(len(alone)), key=lambda k: alone[k].cost)
         aside.append(alone[k] if failing else replace(alone[k], cost=all_of_them))
-        tested = rest[k]
+        tested = subsets[k]
     withheld = tuple(a for a in aside if a.refused or not certain(a.member))
     unclaimed = tuple(a for a in aside if not a.refused and certain(a.member))
     kept = tuple(m for m in members if all(m is not a.member for a in withheld))
@@ -247,9 +250,9 @@ def _whitened(h: ValidationErrors, use: np.ndarray, values: np.ndarray) -> np.nd
         mine = fold[use]
         by = h.by_parameters[use][mine] / h.noise[use][mine, None]
         # (1 + B B')^-1/2 by the eigenvalues of B'B: a region may have thousands of rows
-        own, vectors = np.linalg.eigh(by.T @ by)
-        own, along = np.maximum(own, 0.0), values[:, mine] @ by @ vectors
-        shrunk = -1.0 / (np.sqrt(1.0 + own) * (1.0 + np.sqrt(1.0 + own)))
+        eigenvalues, vectors = np.linalg.eigh(by.T @ by)
+        eigenvalues, along = np.maximum(eigenvalues, 0.0), values[:, mine] @ by @ vectors
+        shrunk = -1.0 / (np.sqrt(1.0 + eigenvalues) * (1.0 + np.sqrt(1.0 + eigenvalues)))
         out[:, mine] += (along * shrunk) @ vectors.T @ by.T
     return out
 
@@ -257,12 +260,12 @@ def _whitened(h: ValidationErrors, use: np.ndarray, values: np.ndarray) -> np.nd
 def _low_rank(way: Sequence[ValidationErrors], mine: np.ndarray) -> tuple[float, float]:
     """Chi-square of some residuals, and the log determinant of their covariance (diagonal and low rank)."""
     held = way[-1]
-    own = held.noise[mine] ** 2 + sum(c**2 for c in _changes([h.residual[mine] for h in way]))
-    by, r = held.by_parameters[mine] / np.sqrt(own)[:, None], held.residual[mine] / np.sqrt(own)
+    variance = held.noise[mine] ** 2 + sum(c**2 for c in _changes([h.residual[mine] for h in way]))
+    by, r = held.by_parameters[mine] / np.sqrt(variance)[:, None], held.residual[mine] / np.sqrt(variance)
     factor = factored(np.eye(by.shape[1]) + by.T @ by)
     along = by.T @ r
     chi2 = float(r @ r - along @ solved(factor, along))
-    return chi2, float(np.sum(np.log(own)) + 2.0 * np.sum(np.log(np.diag(factor))))
+    return chi2, float(np.sum(np.log(variance)) + 2.0 * np.sum(np.log(np.diag(factor))))
 
 
 def _distances(way: Sequence[CentreDistances]) -> float:

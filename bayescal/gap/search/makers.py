@@ -52,7 +52,7 @@ class Cell:
     site: Site
     driver: Driver
     sets: tuple[tuple[Parameter, ...], ...]
-    known: bool = False  # whether a known effect has this same function
+    of_known_effect: bool = False  # whether a known effect has this same function
     weight: float = 1.0  # number of cells of its kind of site that its prior is worth
     clusters: np.ndarray | None = None  # (N,) int, equal for rows that share a random error
 
@@ -104,9 +104,9 @@ def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
         ]
 
         def move(d: np.ndarray) -> list[Parameter]:
-            own = d * rows  # one array for all axes
+            driver = d * rows  # one array for all axes
             return [
-                Parameter("", "m" if a[0] == "t" else "rad", (Term(f, a, own),), sd) for f, a, sd in every
+                Parameter("", "m" if a[0] == "t" else "rad", (Term(f, a, driver),), sd) for f, a, sd in every
             ]
 
         return move
@@ -159,13 +159,13 @@ def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
         load = torque / rms(torque[c.fitted])
         orders = () if c.robot.slides[j - 1] else CELLS.own_orders
         turns = [load * f(k * c.q[:, j - 1]) for k in orders for f in (np.sin, np.cos)]
-        own = [turns, [load * w for w in angles[j - 1]]]
-        other = [[load * w for w in angles[k]] for k in range(c.robot.n) if k != j - 1]
+        own_angle = [turns, [load * w for w in angles[j - 1]]]
+        other_angle = [[load * w for w in angles[k]] for k in range(c.robot.n) if k != j - 1]
         alone = smooth(c.readings[:, j - 1], c.fitted, CELLS.surface_waves)
         falling = [w / k for k, w in enumerate(alone, start=1)]
         both = [[*falling, *(load * w for w in falling)]]
-        for form, found in (("own angle", own), ("other angle", other), ("and angle", both)):
-            sets = tuple(at_joint(c, j, drivers) for drivers in found if drivers)
+        for form, groups in (("own angle", own_angle), ("other angle", other_angle), ("and angle", both)):
+            sets = tuple(at_joint(c, j, drivers) for drivers in groups if drivers)
             yield Cell(joint(j), Driver("torque", j, form=form), sets)
 
 
@@ -196,18 +196,18 @@ def rocking(c: Circumstances) -> Iterator[Cell]:
     The axes are those of `tilts` and the two between them. The position changes where the moment changes its
     sign or, where other forces hold the base down, passes its median.
     """
-    found = [(by.axis, by.moment) for by in tilts(c)]
-    if len(found) == 2:
-        (first, one), (second, two) = found
-        found += [((first + s * second) / np.sqrt(2.0), (one + s * two) / np.sqrt(2.0)) for s in (1, -1)]
+    axes = [(by.axis, by.moment) for by in tilts(c)]
+    if len(axes) == 2:
+        (first, one), (second, two) = axes
+        axes += [((first + s * second) / np.sqrt(2.0), (one + s * two) / np.sqrt(2.0)) for s in (1, -1)]
     sets = []
-    for axis, moment in found:
+    for axis, moment in axes:
         mine = moment[c.fitted]
         if not np.ptp(mine) > 1e-3:
             continue
         size = float(np.quantile(np.abs(mine), 0.9))
-        for knee, at in itertools.product(CELLS.knees, (0.0, float(np.median(mine)))):
-            terms = base_terms(c, "r", axis, np.tanh((moment - at) / (knee * size)))
+        for knee, threshold in itertools.product(CELLS.knees, (0.0, float(np.median(mine)))):
+            terms = base_terms(c, "r", axis, np.tanh((moment - threshold) / (knee * size)))
             sets.append((Parameter("", "rad", terms, CELLS.angle),))
     yield Cell(BASE, Driver("base moment", form="sign"), tuple(sets))
 
@@ -249,13 +249,15 @@ def slack(angle: np.ndarray, widths: np.ndarray) -> np.ndarray:
 def travel(c: Circumstances) -> Iterator[Cell]:
     """Errors of a joint by its travel since earlier contacts."""
     order = measured(c)
-    at = [(j, side) for j in range(1, c.robot.n + 1) for side in sides_of(c, j)]
-    angles = np.stack([motion(c.robot, j, c.readings, side)[order] for j, side in at])
+    motions = [(j, side) for j in range(1, c.robot.n + 1) for side in sides_of(c, j)]
+    angles = np.stack([motion(c.robot, j, c.readings, side)[order] for j, side in motions])
     lengths, widths = np.radians(CELLS.forgotten), np.radians(CELLS.slack)
-    states = np.empty((len(at), len(lengths) + len(widths), len(order)))
+    states = np.empty((len(motions), len(lengths) + len(widths), len(order)))
     states[..., order] = np.concatenate([fading(angles, lengths), slack(angles, widths)], axis=1)
     for j in range(1, c.robot.n + 1):
-        mine = [(side, s) for (k, side), own in zip(at, states, strict=True) if k == j for s in own]
+        mine = [
+            (side, s) for (k, side), courses in zip(motions, states, strict=True) if k == j for s in courses
+        ]
         sets = [at_joint(c, j, [s], side) for side, s in mine if np.ptp(s[c.fitted]) > 0]
         yield Cell(joint(j), Driver("travel", j), tuple(sets))
 
@@ -277,9 +279,9 @@ def repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
     """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact."""
     out = np.unique(np.round(readings, 8), axis=0, return_inverse=True)[1].ravel()
     if c.repeat is not None:
-        own = c.repeat.astype(str)
-        has = own != ""
-        out[has] = len(out) + np.unique(own[has], return_inverse=True)[1]
+        labels = c.repeat.astype(str)
+        has = labels != ""
+        out[has] = len(out) + np.unique(labels[has], return_inverse=True)[1]
     return np.unique(out, return_inverse=True)[1]
 
 
@@ -287,10 +289,10 @@ def with_another(c: Circumstances) -> Iterator[Cell]:
     """Cells of a quantity of a joint and any other one."""
     given = arguments(c)
     for j in range(1, c.robot.n + 1):
-        for driver, ways in _own(c, j).items():
+        for driver, ways in _by_quantity(c, j).items():
             sets = tuple(
-                at_joint(c, j, [*_alone(driver, own), *(u * v for u in own for v in a.functions.T)], side)
-                for own in ways
+                at_joint(c, j, [*_alone(driver, basis), *(u * v for u in basis for v in a.functions.T)], side)
+                for basis in ways
                 for a in given
                 if a.driver != driver
                 for side in moves(c, j)
@@ -298,12 +300,12 @@ def with_another(c: Circumstances) -> Iterator[Cell]:
             yield Cell(joint(j), replace(driver, form="and another"), sets, weight=CELLS.paired)
 
 
-def _alone(driver: Driver, own: Functions) -> Functions:
+def _alone(driver: Driver, functions: Functions) -> Functions:
     """Functions of a quantity by itself; an angle has cells of its own."""
-    return [] if driver.kind in BY_READING else own
+    return [] if driver.kind in BY_READING else functions
 
 
-def _own(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
+def _by_quantity(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
     """Functions of each quantity of a joint, by each of its motions."""
     order, out = measured(c), dict[Driver, list[Functions]]()
     for side in passes(c, j):

@@ -24,25 +24,27 @@ from bayescal.gap.settings import SEARCH
 from bayescal.model.options import USUAL, FitOptions, Part
 
 
-def model_name(member: Member, known: Candidates) -> str:
+def model_name(member: Member, candidates: Candidates) -> str:
     """A member in the form of ``--model``: effect, setting, site and priors; see `selection`."""
     v = member.variant
-    own = [known.pool[k] for k in v.columns]
+    parameters = [candidates.pool[k] for k in v.columns]
     sites = v.sites
     drivers: tuple[str, ...] = ()
     if v.partial or isinstance(v.setting, tuple):
-        sites = v.sites if isinstance(v.setting, tuple) else tuple(dict.fromkeys(p.site for p in own))
-        every = (known.pool[k] for o in known.variants[v.effect] for k in o.columns)
+        sites = v.sites if isinstance(v.setting, tuple) else tuple(dict.fromkeys(p.site for p in parameters))
+        every = (candidates.pool[k] for o in candidates.variants[v.effect] for k in o.columns)
         there = {driver_words(p) for p in every if p.site in sites}
-        drivers = tuple(dict.fromkeys(map(driver_words, own)))
+        drivers = tuple(dict.fromkeys(map(driver_words, parameters)))
         drivers = drivers if v.partial or there != set(drivers) else ()
-    elif v.sites and v.effect not in known.partly:
-        alike = (o for o in known.variants[v.effect] if (o.setting, o.sites) == (v.setting, v.sites))
-        here = {driver_words(known.pool[k]) for o in alike for k in o.columns}
-        mine = tuple(dict.fromkeys(map(driver_words, own)))
+    elif v.sites and v.effect not in candidates.partly:
+        alike = (o for o in candidates.variants[v.effect] if (o.setting, o.sites) == (v.setting, v.sites))
+        here = {driver_words(candidates.pool[k]) for o in alike for k in o.columns}
+        mine = tuple(dict.fromkeys(map(driver_words, parameters)))
         drivers = mine if here != set(mine) else ()
     setting = _setting(v.setting)
-    usual = v.effect in known.partly or (member.scale == 1.0 and all(p.centre == p.nominal for p in own))
+    usual = v.effect in candidates.partly or (
+        member.scale == 1.0 and all(p.centre == p.nominal for p in parameters)
+    )
     factor = None if usual else member.scale
     return str(Selection(v.effect, setting, sites, drivers, v.together, factor))
 
@@ -61,7 +63,7 @@ def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[P
 
 
 def refit(
-    before: Estimate, known: Candidates, members: Sequence[Member], options: FitOptions = USUAL,
+    before: Estimate, candidates: Candidates, members: Sequence[Member], options: FitOptions = USUAL,
     flat: bool = False,
 ) -> Estimate:  # fmt: skip
     """Fit a baseline with some effects in addition to its own.
@@ -73,7 +75,7 @@ def refit(
     ----------
     before : Estimate
         Of the baseline.
-    known : Candidates
+    candidates : Candidates
         Of the search; a member that is a part of the baseline's effects has the priors of the effect.
     members : sequence of Member
     options : FitOptions
@@ -81,11 +83,11 @@ def refit(
     flat : bool
         Without the form of uneven faces.
     """
-    extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
+    extra = tuple(model_name(m, candidates) for m in members if m.effect not in candidates.partly)
     scene = replace(before.model.scene, stance=None, compliances={})
     options = replace(options, without=still_without(options.without, members))
-    found = calibrated(scene, (*before.model.effects, *extra), options)
-    return completed(found, options.robust, flat=flat).fitted
+    estimate = calibrated(scene, (*before.model.effects, *extra), options)
+    return completed(estimate, options.robust, flat=flat).fitted
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,11 @@ class Screened:
 
 
 def screened(
-    known: Candidates, slopes: Slopes, states: Sequence[State], c: Circumstances, baseline: tuple[str, ...]
+    candidates: Candidates,
+    slopes: Slopes,
+    states: Sequence[State],
+    c: Circumstances,
+    baseline: tuple[str, ...],
 ) -> Candidates:
     """Candidates with the leading settings of every wide scan, by site, from gains over several states.
 
@@ -109,26 +115,26 @@ def screened(
         if effect.name in modelled or not wide(effect, c) or effect.scan is None:
             continue
         values = effect.scan.values(c)
-        found = _screen(effect, values, slopes, states, c)
-        leading = _leading(found)
+        by_state = _screen(effect, values, slopes, states, c)
+        leading = _leading(by_state)
         more = np.concatenate([np.empty(0), *(effect.scan.beside(c, value) for value in leading)])
         if len(more := np.setdiff1d(more, values)):
             near = _screen(effect, more, slopes, states, c)
-            found = [[*a, *b] for a, b in zip(found, near, strict=True)]
-            leading = _leading(found)
-        own = _one_by_one(effect, slopes, states[0], c, found) if effect.scan.by_site else []
+            by_state = [[*a, *b] for a, b in zip(by_state, near, strict=True)]
+            leading = _leading(by_state)
+        singles = _one_by_one(effect, slopes, states[0], c, by_state) if effect.scan.by_site else []
         middle = float(values[len(values) // 2])  # the first one: the usual setting
-        others = {*leading, *(one.setting for one in own)} - {middle}
-        known = extended(known, effect, [middle, *sorted(others)], c)
+        others = {*leading, *(one.setting for one in singles)} - {middle}
+        candidates = extended(candidates, effect, [middle, *sorted(others)], c)
         if effect.scan.by_site:
-            known = with_own_settings(known, effect, own, len(found[0]))
-    return known
+            candidates = with_own_settings(candidates, effect, singles, len(by_state[0]))
+    return candidates
 
 
-def _leading(found: Sequence[Sequence[Screened]]) -> list[float]:
+def _leading(by_state: Sequence[Sequence[Screened]]) -> list[float]:
     """Settings with the largest gains at any site, over any state."""
     best: dict[float, float] = {}
-    for one in (one for every in found for one in every):
+    for one in (one for every in by_state for one in every):
         best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
     return sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
 
@@ -142,23 +148,23 @@ def _screen(
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
         columns, seen = slopes.columns([p for _, p in every]), unaliased([p for _, p in every], c)
-        own: dict[Single, list[int]] = {}
+        groups: dict[Single, list[int]] = {}
         for k, (value, q) in enumerate(every):
             if seen[k]:
-                own.setdefault(Single(value, q.site, q.driver), []).append(k)
-        p, sets = states[0].problem, tuple(map(np.array, own.values()))
+                groups.setdefault(Single(value, q.site, q.driver), []).append(k)
+        p, sets = states[0].problem, tuple(map(np.array, groups.values()))
         bank = Bank(columns, sets, p.count, p.worth, p.jacobian)
-        for state, found in zip(states, out, strict=True):
+        for state, of_state in zip(states, out, strict=True):
             nats = weigh_sets(state, bank) + SCALE_PRIOR
             gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
-            found += map(Screened, own, gains, scales)
+            of_state += map(Screened, groups, gains, scales)
     return out
 
 
 def _columns(one: Single, effect: Effect, slopes: Slopes, c: Circumstances) -> np.ndarray:
     """Columns (R, k) of a setting at one site."""
-    own = [p for p in effect.at(c, one.setting) if (p.site, p.driver) == (one.site, one.driver)]
-    return slopes.columns(list(compress(own, unaliased(own, c))))
+    parameters = [p for p in effect.at(c, one.setting) if (p.site, p.driver) == (one.site, one.driver)]
+    return slopes.columns(list(compress(parameters, unaliased(parameters, c))))
 
 
 def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust: bool) -> list[State]:
@@ -168,13 +174,13 @@ def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust
 
 
 def _one_by_one(
-    effect: Effect, slopes: Slopes, state: State, c: Circumstances, found: Sequence[Sequence[Screened]]
+    effect: Effect, slopes: Slopes, state: State, c: Circumstances, by_state: Sequence[Sequence[Screened]]
 ) -> list[Single]:
     """The leading setting of each site, the largest gain first, each over states with those before it.
 
-    `found` are the gains over the first states. A site whose gain does not exceed the logarithm of the number
-    of settings that were tried has none. A site may have as many as the scan's `several`, each `apart` from
-    the others.
+    `by_state` are the gains over the first states. A site whose gain does not exceed the logarithm of the
+    number of settings that were tried has none. A site may have as many as the scan's `several`, each `apart`
+    from the others.
     """
     assert effect.scan is not None
     scan, out = effect.scan, list[Single]()
@@ -182,15 +188,15 @@ def _one_by_one(
     def apart(one: Single, other: Single) -> bool:
         return scan.apart(c, (one.site, one.setting), (other.site, other.setting))
 
-    values = np.unique([one.single.setting for one in found[0]])
-    while len(out) < max(effect.scan.several, len({one.single.site for one in found[0]})):
+    values = np.unique([one.single.setting for one in by_state[0]])
+    while len(out) < max(effect.scan.several, len({one.single.site for one in by_state[0]})):
         sites = [single.site for single in out]
-        tried = [one for every in found for one in every]
-        rest = [one for one in tried if sites.count(one.single.site) < effect.scan.several]
-        rest = [one for one in rest if all(apart(one.single, before) for before in out)]
-        if not rest:
+        tried = [one for every in by_state for one in every]
+        eligible = [one for one in tried if sites.count(one.single.site) < effect.scan.several]
+        eligible = [one for one in eligible if all(apart(one.single, before) for before in out)]
+        if not eligible:
             break
-        best = max(rest, key=lambda one: one.gain)
+        best = max(eligible, key=lambda one: one.gain)
         if best.gain <= np.log(len(tried)):
             break
         out.append(best.single)
@@ -202,5 +208,5 @@ def _one_by_one(
             np.append(state.scales, np.full(size, best.scale)),
             state.robust,
         )
-        state, found = states[0], _screen(effect, values, slopes, states, c)
+        state, by_state = states[0], _screen(effect, values, slopes, states, c)
     return out

@@ -40,12 +40,12 @@ class Pool(Bank):
     def log_prior(self) -> np.ndarray:
         """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of a known effect."""
         kinds = np.array([cell.site.kind for cell in self.cells])
-        known = np.array([cell.known for cell in self.cells])
+        of_known_effect = np.array([cell.of_known_effect for cell in self.cells])
         weight = np.array([cell.weight for cell in self.cells])
         for kind in np.unique(kinds):
-            own = kinds == kind
-            weight[own] *= UNKNOWN.sites.get(str(kind), UNKNOWN.faces) / np.sum(weight[own])
-        weight[known] = 0.0
+            of_kind = kinds == kind
+            weight[of_kind] *= UNKNOWN.sites.get(str(kind), UNKNOWN.faces) / np.sum(weight[of_kind])
+        weight[of_known_effect] = 0.0
         with np.errstate(divide="ignore"):
             return np.log(weight / np.sum(weight))
 
@@ -69,7 +69,7 @@ def filled(make: Callable[[], Iterable[Cell]], slopes: Slopes, poses: np.ndarray
     def parameters() -> Iterator[Parameter]:
         for cell in make():
             yield from itertools.chain.from_iterable(cell.sets)
-            sizes.append([len(own) for own in cell.sets])
+            sizes.append(list(map(len, cell.sets)))
             cells.append(cell if len(p.residual) <= MOST_ROWS else replace(cell, sets=()))
 
     columns = Driven(slopes, poses, parameters())
@@ -132,24 +132,24 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     bayes, p = weigh_sets(state, pool) + SCALE_PRIOR, state.problem
     for i, cell in enumerate(pool.cells):
         if cell.clusters is not None:
-            at = int(np.flatnonzero(pool.owner == i)[0])
-            column, clusters = pool.columns[:, pool.sets[at]][:, 0], cell.clusters[p.rows[p.contact]]
-            bayes[at] = SCALE_PRIOR + weigh_clusters(state, column, clusters)
+            index = int(np.flatnonzero(pool.owner == i)[0])
+            column, clusters = pool.columns[:, pool.sets[index]][:, 0], cell.clusters[p.rows[p.contact]]
+            bayes[index] = SCALE_PRIOR + weigh_clusters(state, column, clusters)
     gain, best = np.empty(len(pool.cells)), np.empty((2, len(pool.cells)), int)  # set and scale
     for cells, sets in pool.by_number:
         table = bayes[sets].reshape(len(cells), -1)  # (B, sets x scales)
         gain[cells] = log_sum(table, axis=1) - np.log(sets.shape[1])
-        own, best[1, cells] = np.divmod(np.argmax(table, axis=1), len(SCALES))
-        best[0, cells] = np.take_along_axis(sets, own[:, None], axis=1)[:, 0]
+        position, best[1, cells] = np.divmod(np.argmax(table, axis=1), len(SCALES))
+        best[0, cells] = np.take_along_axis(sets, position[:, None], axis=1)[:, 0]
     return [
-        CellFit(i, g, at, float(SCALES[k]))
-        for i, (g, (at, k)) in enumerate(zip(gain.tolist(), best.T.tolist(), strict=True))
+        CellFit(i, g, index, float(SCALES[k]))
+        for i, (g, (index, k)) in enumerate(zip(gain.tolist(), best.T.tolist(), strict=True))
     ]
 
 
-def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
+def with_set(state: State, pool: Pool, index: int, scale: float, start: np.ndarray | None = None) -> State:
     """A state with a set of columns of a pool added; its problem has no other columns than those it uses."""
-    return _fitted(_with_columns(state, pool.columns[:, pool.sets[at]]), state, scale, start)
+    return _fitted(_with_columns(state, pool.columns[:, pool.sets[index]]), state, scale, start)
 
 
 def _with_columns(state: State, columns: np.ndarray) -> Problem:
@@ -176,8 +176,8 @@ def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, lis
     forgiven = UNKNOWN.forgiven * max(hypothesis.log_evidence - null, 0.0)
     weight, same = pool.log_prior, same_place(hypothesis, pool)
     cells = [
-        replace(f, gain=float(f.gain - forgiven * own), rival=bool(w > -np.inf))
-        for f, own, w in zip(cells, same, weight, strict=True)
+        replace(f, gain=float(f.gain - forgiven * at_name), rival=bool(w > -np.inf))
+        for f, at_name, w in zip(cells, same, weight, strict=True)
     ]
     if not np.any(weight > -np.inf):
         return -np.inf, cells

@@ -64,16 +64,16 @@ def relatives(
     factors = np.column_stack([np.ones(len(given[0].functions)), *(a.factors for a in given)])[row]
     forgiven = RELATIVES.forgiven * max(h.log_evidence - null, 0.0)
     for member in members:
-        rest = without(member)
-        if h.log_evidence - rest.log_evidence < RELATIVES.least:
+        reduced = without(member)
+        if h.log_evidence - reduced.log_evidence < RELATIVES.least:
             continue
-        own = member.variant.columns
-        predicted = p.pool[: p.count, own] @ np.array([amplitudes[k] for k in own.tolist()])
+        columns = member.variant.columns
+        predicted = p.pool[: p.count, columns] @ np.array([amplitudes[k] for k in columns.tolist()])
         if not np.any(predicted):  # of a certificate
             continue
         modulated = _nats(state, predicted[:, None] * functions, [a.functions.shape[1] for a in given])
         modulated += np.log(RELATIVES.modulated / len(given)) - forgiven
-        bare = fit_state(p, rest.state.columns, rest.state.scales, state.weight, robust=False)
+        bare = fit_state(p, reduced.state.columns, reduced.state.scales, state.weight, robust=False)
         name, *each = _nats(bare, predicted[:, None] * factors, [1] * factors.shape[1])
         replaced = _means(np.array(each) - name, [a.factors.shape[1] for a in given])
         replaced += np.log(RELATIVES.replaced) + _weights(member, given)
@@ -100,10 +100,10 @@ def _means(nats: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
 def _weights(member: Member, given: Sequence[Argument]) -> np.ndarray:
     """Log prior of each quantity: half for those of the joints of an effect, half for all others."""
     joints = {site.number for site, _ in member.variant.places if site.number}
-    own = np.array([a.driver.joint in joints for a in given])
-    if not own.any() or own.all():
+    of_joints = np.array([a.driver.joint in joints for a in given])
+    if not of_joints.any() or of_joints.all():
         return np.full(len(given), -np.log(len(given)))
-    return np.log(np.where(own, 0.5 / np.sum(own), 0.5 / np.sum(~own)))
+    return np.log(np.where(of_joints, 0.5 / np.sum(of_joints), 0.5 / np.sum(~of_joints)))
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,8 @@ class Decision:
 
     def lost(self, effect: str) -> float:
         """Log evidence, nats, that the best set loses without an effect."""
-        rest = max((w.score for w in self.weighed if effect not in w.effects), default=-np.inf)
-        return self.weighed[0].score - rest
+        without = max((w.score for w in self.weighed if effect not in w.effects), default=-np.inf)
+        return self.weighed[0].score - without
 
 
 def decide(search: Search, pool: Pool, given: Sequence[Argument] = ()) -> Decision:
@@ -231,9 +231,9 @@ def _without(search: Search, h: Hypothesis) -> Callable[[Member], Hypothesis]:
     """A hypothesis without one of its members."""
 
     def without(member: Member) -> Hypothesis:
-        rest = [m for m in h.members if m is not member]
-        known = search.hypotheses.get(frozenset(m.effect for m in rest))
-        return known or search.hypothesis(rest, (None, h.state.weight))
+        others = [m for m in h.members if m is not member]
+        hypothesis = search.hypotheses.get(frozenset(m.effect for m in others))
+        return hypothesis or search.hypothesis(others, (None, h.state.weight))
 
     return without
 
@@ -346,8 +346,8 @@ def contradicted(weighed: Sequence[Weighed]) -> bool:
 def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
     """Whether a named effect is still needed with the unmodelled effect in the model."""
     assert best.cell is not None
-    rest = [m for m in best.hypothesis.members if m.effect != effect]
-    without = search.hypothesis(rest)
+    others = [m for m in best.hypothesis.members if m.effect != effect]
+    without = search.hypothesis(others)
     start = best.hypothesis.state.weight
     bare = with_set(without.state, pool, best.cell.best, best.cell.scale, start)
     full = with_set(best.hypothesis.state, pool, best.cell.best, best.cell.scale, start)
@@ -369,8 +369,8 @@ def _without_footnotes(
     amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
     size, turns = [], []
     for m in members:
-        own = m.variant.columns
-        moved = search.problem.pool[:, own] @ np.array([amplitudes[k] for k in own.tolist()])
+        columns = m.variant.columns
+        moved = search.problem.pool[:, columns] @ np.array([amplitudes[k] for k in columns.tolist()])
         size.append(float(np.mean(visible(null, moved) ** 2)))
         turns.append(float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)))
     total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)
