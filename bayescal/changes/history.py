@@ -26,7 +26,7 @@ from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.file import ARM_FILE, read_arm
 from bayescal.storage.stopping import Progress, silent
 
-Told = tuple[np.ndarray, np.ndarray]
+Likelihood = tuple[np.ndarray, np.ndarray]
 """Information (P, P) and score (P,) of parameters, in units of their priors."""
 DAY, SESSION = "day", "session"
 """Units of time: of runs whose datasets state dates, and of others."""
@@ -113,8 +113,8 @@ def history(
     span, trends = float(np.ptp(time)), int(len(np.unique(time)) > 2)
     patterns = [(time - np.mean(time)) / span] if trends else []
     patterns += [(time >= time[k]).astype(float) for k in range(1, len(time)) if time[k] > time[k - 1]]
-    told = [_information(e, names, last) for e in entries]
-    information, score = _reduced(told, np.array(patterns).reshape(len(patterns), len(entries)))
+    likelihoods = [_information(e, names, last) for e in entries]
+    information, score = _reduced(likelihoods, np.array(patterns).reshape(len(patterns), len(entries)))
     chosen, odds = _search(information, score, len(names), len(patterns))
     per = np.array([span if k // len(names) < trends else 1.0 for k in chosen])
     scale = np.array([last[names[k % len(names)]].sd for k in chosen]) / per
@@ -122,21 +122,21 @@ def history(
     mean, covariance = scale * (covariance @ score[chosen]), covariance * np.outer(scale, scale)
     courses = []
     for j, name in enumerate(names):
-        at = next((i for i, k in enumerate(chosen) if k % len(names) == j), None)
+        index = next((i for i, k in enumerate(chosen) if k % len(names) == j), None)
         values = tuple(_value(e.arm, name) for e in entries)
         probability = float(1.0 / (1.0 + np.exp(-np.max(odds[j :: len(names)], initial=-50.0))))
-        if at is None:
+        if index is None:
             courses.append(Course(last[name], values, "", 0.0, 0.0, probability))
             continue
-        pattern = chosen[at] // len(names)
+        pattern = chosen[index] // len(names)
         kind, since = (TREND, 0) if pattern < trends else (STEP, int(np.argmax(patterns[pattern] > 0)))
-        u = float(np.sqrt(covariance[at, at]))
-        courses.append(Course(last[name], values, kind, float(mean[at]), u, probability, since))
+        u = float(np.sqrt(covariance[index, index]))
+        courses.append(Course(last[name], values, kind, float(mean[index]), u, probability, since))
     drifts = [i for i, k in enumerate(chosen) if k // len(names) < trends]
     arm, when = entries[-1].arm, None
-    known = {p.name for p in arm.model.parameters}
+    in_last = {p.name for p in arm.model.parameters}
     of = {i: names[chosen[i] % len(names)] for i in drifts}
-    at_end = [i for i in drifts if of[i] in known]
+    at_end = [i for i in drifts if of[i] in in_last]
     if limit is not None and (lost := [of[i] for i in drifts if i not in at_end]):
         notes.append(f"the last run does not have {listed(lost)}: the limit is without this drift")
     if limit is not None and not drifts:
@@ -161,9 +161,9 @@ def _limit(
 ) -> Limit:
     """When the drift of some parameters since the last run reaches a limit."""
     arm = last.arm
-    at = [k for name in names for k, p in enumerate(arm.model.parameters) if p.name == name]
+    columns = [k for name in names for k, p in enumerate(arm.model.parameters) if p.name == name]
     poses = arm.at_rows(arm.model.scene.rows("calibrate"))
-    by = distance_slopes(poses.points.T, np.transpose(poses.by_parameters[:, :, at], (2, 1, 0)))
+    by = distance_slopes(poses.points.T, np.transpose(poses.by_parameters[:, :, columns], (2, 1, 0)))
     rms = np.sqrt(np.mean((drawn(rates, covariance) @ by) ** 2, axis=1))
     times = tuple(float(np.quantile(limit / rms, q)) for q in QUANTILES)
     dates: tuple[str, ...] = ()
@@ -174,14 +174,14 @@ def _limit(
 
 def _read(folder: Path, progress: Progress) -> list[Entry]:
     """The runs of one arm in a folder."""
-    found = sorted({p.parent for p in folder.glob(f"*/{ARM_FILE}")})
-    if not found:
+    folders = sorted({p.parent for p in folder.glob(f"*/{ARM_FILE}")})
+    if not folders:
         raise BayescalError(
             "there are no run folders in it", str(folder), "give a folder of runs of fit or gap"
         )
     entries: list[Entry] = []
-    for k, run in enumerate(found):
-        progress("read", k / len(found))
+    for k, run in enumerate(folders):
+        progress("read", k / len(folders))
         arm = read_arm(run)
         sessions = arm.dataset.sessions or (arm.dataset,)
         entries.append(Entry(run.name, arm, max((s.record.date or "" for s in sessions), default="")))
@@ -236,7 +236,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def _information(entry: Entry, names: Sequence[str], last: Mapping[str, Parameter]) -> Told:
+def _information(entry: Entry, names: Sequence[str], last: Mapping[str, Parameter]) -> Likelihood:
     """What the measurements of a run tell: information (P, P) and score (P,), by the priors of `last`."""
     arm, model = entry.arm, entry.arm.model
     if arm.solved is None:
@@ -244,27 +244,27 @@ def _information(entry: Entry, names: Sequence[str], last: Mapping[str, Paramete
             "written by an earlier version", entry.folder, "repeat the command with this version"
         )
     z, units = (arm.values - model.shift) / model.sd, np.outer(model.sd, model.sd)
-    own, pull = likelihood(z, arm.solved / units, arm.covariance / units)
-    at = np.array([names.index(p.name) for p in model.parameters], int)
+    precision, pull = likelihood(z, arm.solved / units, arm.covariance / units)
+    index = np.array([names.index(p.name) for p in model.parameters], int)
     # of z = by x + off, where x is in units of the priors of `last`
-    by = np.array([last[names[k]].sd for k in at]) / model.sd
-    off = (np.array([last[names[k]].centre - last[names[k]].nominal for k in at]) - model.shift) / model.sd
+    by = np.array([last[names[k]].sd for k in index]) / model.sd
+    off = (np.array([last[names[k]].centre - last[names[k]].nominal for k in index]) - model.shift) / model.sd
     information, score = np.zeros((len(names), len(names))), np.zeros(len(names))
-    information[np.ix_(at, at)] = 0.5 * (own + own.T) * np.outer(by, by)
-    score[at] = by * (pull - own @ off)
+    information[np.ix_(index, index)] = 0.5 * (precision + precision.T) * np.outer(by, by)
+    score[index] = by * (pull - precision @ off)
     return information, score
 
 
-def _reduced(told: Sequence[Told], patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _reduced(likelihoods: Sequence[Likelihood], patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Information and score of amplitudes, pattern by pattern, with the constants integrated out.
 
     Parameters
     ----------
-    told : sequence of Told
+    likelihoods : sequence of Likelihood
         Of each of S runs.
     patterns : np.ndarray, shape (F, S)
     """
-    each, scores = np.array([i for i, _ in told]), np.array([s for _, s in told])
+    each, scores = np.array([i for i, _ in likelihoods]), np.array([s for _, s in likelihoods])
     size = each.shape[1]
     inner = np.linalg.inv(np.sum(each, axis=0) + np.eye(size))
     across = np.einsum("fs,spq->fpq", patterns, each).reshape(-1, size)
@@ -279,8 +279,8 @@ def _search(g: np.ndarray, s: np.ndarray, count: int, patterns: int) -> tuple[li
     prior = float(np.log((1.0 - NONE) / NONE / (count * max(patterns, 1))))
 
     def odds(of: list[int], beside: list[int]) -> list[float]:
-        left, score, _ = integrated(g, s, FREE * np.eye(len(s))[:, beside])
-        return [averaged(gains(left[k : k + 1, k : k + 1], score[k : k + 1])) + prior for k in of]
+        information, score, _ = integrated(g, s, FREE * np.eye(len(s))[:, beside])
+        return [averaged(gains(information[k : k + 1, k : k + 1], score[k : k + 1])) + prior for k in of]
 
     while True:
         free = [k for k in range(len(s)) if k % count not in {c % count for c in chosen}]

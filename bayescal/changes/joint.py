@@ -63,7 +63,7 @@ class Joint:
 
     dataset: Dataset
     sessions: tuple[Session, ...]
-    found: Estimate
+    estimate: Estimate
     circumstances: Circumstances  # of the estimate, with sessions
     items: tuple[Item, ...]
     placed: frozenset[str]  # names of targets that sessions share
@@ -154,36 +154,36 @@ def prepared(
     placed = frozenset(
         t.name
         for k, t in enumerate(dataset.targets)
-        if t.name in placed and sum(k in own for own in fitted) > 1
+        if t.name in placed and sum(k in targets for targets in fitted) > 1
     )
-    scene, known, rejected = Scene(dataset, oriented=True), dict[str, float](), None
-    options = _told(scene, effects, FitOptions(robust=robust))
+    scene, values, rejected = Scene(dataset, oriented=True), dict[str, float](), None
+    options = _with_fitted_widths(scene, effects, FitOptions(robust=robust))
     for _ in range(POSES):
         c = replace(scene.circumstances(scene.rows("calibrate")), sessions=())
         shared = parameters_of(effects, c)
         compared = [p for p in shared if _sessions(p, parts, c.fitted) != 1]
         items = list(_of_model(c, compared, dataset, placed))
         model = with_parameters(scene, effects, (*map(options.wider, shared), *changes(items, parts)))
-        start = np.array([known.get(name, 0.0) for name in model.names])
-        found = estimate(model, robust, start if known else None, rejected)
-        known, rejected = dict(zip(model.names, found.z.tolist(), strict=True)), found.rejected
+        start = np.array([values.get(name, 0.0) for name in model.names])
+        fit = estimate(model, robust, start if values else None, rejected)
+        values, rejected = dict(zip(model.names, fit.z.tolist(), strict=True)), fit.rejected
         if scene.moments is None:
             break
-        scene = settled(found)
-    c = replace(with_compliances(scene.circumstances(scene.rows("calibrate")), found), sessions=parts)
+        scene = settled(fit)
+    c = replace(with_compliances(scene.circumstances(scene.rows("calibrate")), fit), sessions=parts)
     items += _of_effects(replace(c, sessions=()), {p.name for p in shared}, effects)
     items += _unknown(c)
-    out = np.isin(np.arange(len(row)), found.rejected)
+    out = np.isin(np.arange(len(row)), fit.rejected)
     scattered = {
         t.name
         for k, t in enumerate(dataset.targets)
-        for s, own in zip(parts, fitted, strict=True)
-        if k in own and np.mean(out[s.rows & (m.target == k) & (m.role == "calibrate")]) > SCATTERED
+        for s, targets in zip(parts, fitted, strict=True)
+        if k in targets and np.mean(out[s.rows & (m.target == k) & (m.role == "calibrate")]) > SCATTERED
     }
-    return Joint(dataset, parts, found, c, tuple(items), placed, placed & scattered)
+    return Joint(dataset, parts, fit, c, tuple(items), placed, placed & scattered)
 
 
-def _told(scene: Scene, effects: tuple[str, ...], options: FitOptions) -> FitOptions:
+def _with_fitted_widths(scene: Scene, effects: tuple[str, ...], options: FitOptions) -> FitOptions:
     """Options with the prior widths that a fit of all sessions tells; those of changes stay.
 
     What the parameters of the arm may not explain is a model error, which differs where poses do.
@@ -220,11 +220,11 @@ def _of_model(
     for p in shared:
         name = p.name.rpartition(" ")[0] if p.site == TOOL and several else str(p.site)
         grouped.setdefault((p.name if p.site.kind in NUMBERED else name, p.effect), []).append(p)
-    for (name, effect), own in grouped.items():
-        if own[0].site == BASE and own[0].driver.kind != "moment":
+    for (name, effect), group in grouped.items():
+        if group[0].site == BASE and group[0].driver.kind != "moment":
             continue
-        kind = "arm" if own[0].site.kind in NUMBERED else "setup"
-        yield Item(name, effect, own[0].site, kind, tuple(map(_change, own)))
+        kind = "arm" if group[0].site.kind in NUMBERED else "setup"
+        yield Item(name, effect, group[0].site, kind, tuple(map(_change, group)))
     of = next((p.effect for p in shared if p.site.kind == "joint" and p.unit == "rad"), "")
     for j, axis in enumerate(c.robot.axes, start=1):
         if (j, axis) not in constant:
@@ -259,14 +259,14 @@ def listed(c: Circumstances, effects: tuple[str, ...]) -> Iterator[tuple[Effect,
             yield effect, parameters
 
 
-def _of_effects(c: Circumstances, known: set[str], effects: tuple[str, ...]) -> Iterator[Item]:
+def _of_effects(c: Circumstances, model_names: set[str], effects: tuple[str, ...]) -> Iterator[Item]:
     for effect, parameters in listed(c, effects):
         grouped: dict[Site, list[Parameter]] = {}
         for p in parameters:
-            if p.name not in known:
+            if p.name not in model_names:
                 grouped.setdefault(WHOLE if effect.whole else p.site, []).append(p)
-        for site, own in grouped.items():
-            yield Item(f"{effect.name} {site}", effect.name, site, "effect", tuple(map(_change, own)))
+        for site, group in grouped.items():
+            yield Item(f"{effect.name} {site}", effect.name, site, "effect", tuple(map(_change, group)))
 
 
 def _unknown(c: Circumstances) -> Iterator[Item]:
@@ -275,9 +275,9 @@ def _unknown(c: Circumstances) -> Iterator[Item]:
         grouped: dict[tuple[Site, str], list[Parameter]] = {}
         for p in family.parameters:
             grouped.setdefault((p.site, str(p.driver)), []).append(p)
-        for (site, driver), own in grouped.items():
+        for (site, driver), group in grouped.items():
             if "time" not in driver and "temperature" not in driver:
-                yield Item(f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, own)))
+                yield Item(f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, group)))
 
 
 AT = "at"
@@ -314,14 +314,14 @@ def tcp_slopes(joint: Joint, parameters: Sequence[tuple[Parameter, bool]]) -> np
     Zero for parameters of which they are not wanted.
     """
     wanted = [p for p, used in parameters if used]
-    wide, _, _ = model_with(joint.found.model, wanted)
-    motion = wide.motion(np.arange(len(joint.found.model.scene.q)))
-    values = np.append(joint.found.arm, np.zeros(len(wanted)))
-    out, still = np.zeros((len(parameters), 3, len(joint.found.model.scene.q))), motion.points(values)
+    wide, _, _ = model_with(joint.estimate.model, wanted)
+    motion = wide.motion(np.arange(len(joint.estimate.model.scene.q)))
+    values = np.append(joint.estimate.arm, np.zeros(len(wanted)))
+    out, still = np.zeros((len(parameters), 3, len(joint.estimate.model.scene.q))), motion.points(values)
     places = np.flatnonzero([used for _, used in parameters])
-    for k, (at, p) in enumerate(zip(places, wanted, strict=True), start=len(joint.found.arm)):
+    for k, (index, p) in enumerate(zip(places, wanted, strict=True), start=len(joint.estimate.arm)):
         step = STEP * p.sd * np.eye(len(values))[k]
-        out[at] = (motion.points(values + step) - still) / STEP
+        out[index] = (motion.points(values + step) - still) / STEP
     return out
 
 
@@ -366,15 +366,15 @@ def with_poses(dataset: Dataset, targets: Sequence[Target]) -> tuple[Dataset, li
                 f"there is no tool `{target.tool}`", target.where, f"known: {', '.join(names)}"
             )
         tool = names.index(target.tool) if target.tool else int(np.bincount(m.tool).argmax())
-        found = target.readings
+        reading = target.readings
         if target.pose is not None:
             arm = nominal_arm(dataset.robot, dataset.tools[tool])
-            near = m.readings[:1] if found is None else found[None]
+            near = m.readings[:1] if reading is None else reading[None]
             every = solutions(arm, target.pose[None], near[None, :1])[0]
-            found = nearest(arm, every, m.readings if found is None else near)
-        reasons.append("" if found is not None else "the nominal arm does not reach it")
-        if found is not None:
-            readings.append(found)
+            reading = nearest(arm, every, m.readings if reading is None else near)
+        reasons.append("" if reading is not None else "the nominal arm does not reach it")
+        if reading is not None:
+            readings.append(reading)
             tools.append(tool)
             kept.append(target)
     if not kept:

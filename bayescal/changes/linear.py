@@ -99,17 +99,17 @@ class Evidence:
         of: list[list[int]] = [[] for _ in self.joint.items]
         for k, c in enumerate(self.columns):
             of[c.item].append(k)
-        return tuple(np.array(own, int).reshape(len(self.joint.sessions) - 1, -1) for own in of)
+        return tuple(np.array(columns, int).reshape(len(self.joint.sessions) - 1, -1) for columns in of)
 
 
 def evidence(joint: Joint) -> Evidence:
     """The evidence of all changes of a joint estimate."""
-    found, c, parts = joint.found, joint.circumstances, joint.sessions
+    estimate, c, parts = joint.estimate, joint.circumstances, joint.sessions
     fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
     free = [i for i in joint.items if i.kind not in ("arm", "setup")]
-    model = found.model
+    model = estimate.model
     # an error that the model lacks is none at the joint fit, not the prior's mean
-    own = [
+    of_effects = [
         (effect.name, replace(p, mean=None, positive=False))
         for effect, parameters in listed(replace(c, sessions=()), model.effects)
         for p in parameters
@@ -122,48 +122,50 @@ def evidence(joint: Joint) -> Evidence:
         for i in free
         for p in i.parameters
     ]
-    labels, errors_of = [label for label, _ in (*own, *smooth, *more)], [p for _, p in (*own, *smooth)]
+    labels = [label for label, _ in (*of_effects, *smooth, *more)]
+    errors_of = [p for _, p in (*of_effects, *smooth)]
     at_stop = displacements(c.robot.n)
-    j, g, e, rows = linearised_with(found, [*errors_of, *(p for _, p in more), *at_stop])
+    j, g, e, rows = linearised_with(estimate, [*errors_of, *(p for _, p in more), *at_stop])
     g, by_stop = g[:, : -len(at_stop)], g[:, -len(at_stop) :]
     nuisance = len(errors_of)
     session = np.argmax([s.rows[rows] for s in parts], axis=0)
     target = joint.dataset.measurements.target[rows]
     of_group, group = np.unique(np.stack([session, target]), axis=1, return_inverse=True)
     of_group, group = of_group[0], group.ravel()
-    d, linear = j.shape[1], found.linear
+    d, linear = j.shape[1], estimate.linear
     certified = slice(sum(b.residuals for b in model.blocks), None)
     held = linear.jacobian[certified]
     prior = held.T @ held + np.eye(d)  # of certificates and priors, and the gradient of both
-    pull = held.T @ linear.residual[certified] + found.z
+    pull = held.T @ linear.residual[certified] + estimate.z
     arm = model.slices[ARM].stop
     count = len(changes(fixed, parts))
-    at = np.arange(arm - count, arm)
-    told = np.array(labels, dtype=object)
-    used = told != ""
+    fixed_changes = np.arange(arm - count, arm)
+    label_of = np.array(labels, dtype=object)
+    used = label_of != ""
     stops = Stops.of(joint.dataset.measurements, rows, session, by_stop)
-    noise, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told[used], stops)
+    noise, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, label_of[used], stops)
     x = np.column_stack([j, g])
     weighted = noise.weighted(x)
     full = weighted.T @ x
     full = 0.5 * (full + full.T)
-    scale = noise.kappa * scales_of(found)  # residuals are whitened by the scales of the joint fit
+    scale = noise.kappa * scales_of(estimate)  # residuals are whitened by the scales of the joint fit
     size = np.array([variances[label] for label in labels[:nuisance]])
     full[:d, :d] += prior
     slope = weighted.T @ e
     slope[:d] += pull
     # changes have no prior here: it belongs to a hypothesis
-    full[at, at] -= 1.0
-    slope[at] -= found.z[at]
+    full[fixed_changes, fixed_changes] -= 1.0
+    slope[fixed_changes] -= estimate.z[fixed_changes]
     errors = np.arange(d, d + nuisance)
-    changed = np.concatenate([at, np.arange(d + nuisance, len(slope))])
+    changed = np.concatenate([fixed_changes, np.arange(d + nuisance, len(slope))])
     wide = np.concatenate([changed, errors])
-    origin = np.concatenate([found.z[at], np.zeros(len(slope) - d - nuisance)])
-    known = np.setdiff1d(np.arange(d), at)
-    solved = _inverse(full[np.ix_(known, known)]) @ np.column_stack([full[np.ix_(known, wide)], slope[known]])
-    beside = full[np.ix_(wide, wide)] - full[np.ix_(wide, known)] @ solved[:, :-1]
+    origin = np.concatenate([estimate.z[fixed_changes], np.zeros(len(slope) - d - nuisance)])
+    shared = np.setdiff1d(np.arange(d), fixed_changes)
+    right = np.column_stack([full[np.ix_(shared, wide)], slope[shared]])
+    solved = _inverse(full[np.ix_(shared, shared)]) @ right
+    beside = full[np.ix_(wide, wide)] - full[np.ix_(wide, shared)] @ solved[:, :-1]
     beside = 0.5 * (beside + beside.T)
-    along = full[np.ix_(wide, known)] @ solved[:, -1] - slope[wide] + beside[:, : len(changed)] @ origin
+    along = full[np.ix_(wide, shared)] @ solved[:, -1] - slope[wide] + beside[:, : len(changed)] @ origin
     full[errors, errors] += 1.0 / size
     kept = np.setdiff1d(np.arange(len(slope)), changed)
     inner = _inverse(full[np.ix_(kept, kept)])
@@ -176,12 +178,12 @@ def evidence(joint: Joint) -> Evidence:
         for i in items
         for p in i.parameters
     )
-    z = np.concatenate([found.z, np.zeros(nuisance)])[kept]
+    z = np.concatenate([estimate.z, np.zeros(nuisance)])[kept]
     start = z - inner @ slope[kept] - follow @ origin
     centre = model.physical(np.zeros(model.size))
     sizes = np.append(model.physical(np.ones(model.size)) - centre, [p.sd for p in errors_of])
     centres = np.append(centre, np.zeros(nuisance))
-    names = (*model.names, *(p.name for _, p in own), *("" for _ in smooth))
+    names = (*model.names, *(p.name for _, p in of_effects), *("" for _ in smooth))
     form = np.zeros(len(columns))
     seen = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
     amplitude = dict(zip(_keys(errors_of), seen.tolist(), strict=True))
@@ -210,13 +212,13 @@ def evidence(joint: Joint) -> Evidence:
         variances,
         tuple(
             Errors(
-                beside[: len(columns), own_columns],
-                beside[np.ix_(own_columns, own_columns)],
-                along[own_columns],
+                beside[: len(columns), members],
+                beside[np.ix_(members, members)],
+                along[members],
                 variances[label],
             )
             for label in dict.fromkeys(labels[:nuisance])
-            for own_columns in [len(columns) + np.flatnonzero(families_of == label)]
+            for members in [len(columns) + np.flatnonzero(families_of == label)]
         ),
     )
 
@@ -244,8 +246,8 @@ def integrated(
     across, along = information @ by, by.T @ score
     a = np.eye(by.shape[1]) + by.T @ across
     solved = np.linalg.solve(a, np.column_stack([across.T, along]))
-    found = 0.5 * (float(along @ solved[:, -1]) - float(np.linalg.slogdet(a)[1]))
-    return information - across @ solved[:, :-1], score - across @ solved[:, -1], found
+    log_evidence = 0.5 * (float(along @ solved[:, -1]) - float(np.linalg.slogdet(a)[1]))
+    return information - across @ solved[:, :-1], score - across @ solved[:, -1], log_evidence
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
@@ -290,20 +292,21 @@ def _variances(
         a, b = weighted.T @ x, weighted.T @ e
         a[:d, :d] += prior
         b[:d] += pull
-        own = np.repeat(size[active], [len(member[k]) for k in active])
-        a[np.arange(d, len(b)), np.arange(d, len(b))] += 1.0 / own
+        prior_variance = np.repeat(size[active], [len(member[k]) for k in active])
+        a[np.arange(d, len(b)), np.arange(d, len(b))] += 1.0 / prior_variance
         covariance = _inverse(a)
         u, variance = -covariance @ b, np.diag(covariance)
         before, start = np.concatenate([np.log(kappa), np.log(size), np.log(noise.size.ravel())]), d
         for k in active:
             m = slice(start, start + len(member[k]))
             start = m.stop
-            known = max(len(member[k]) - float(np.sum(variance[m])) / size[k], 1e-9)
-            size[k] = _updated(float(u[m] @ u[m]), known)
-        left = noise.weighted((e + x @ u)[:, None])[:, 0]
-        shared = np.where(noise.size > LEAST, _updated(*noise.sizes(left, weighted, covariance)), noise.size)
+            determined = max(len(member[k]) - float(np.sum(variance[m])) / size[k], 1e-9)
+            size[k] = _updated(float(u[m] @ u[m]), determined)
+        weighted_residual = noise.weighted((e + x @ u)[:, None])[:, 0]
+        updated = _updated(*noise.sizes(weighted_residual, weighted, covariance))
+        shared = np.where(noise.size > LEAST, updated, noise.size)
         scale = noise.kappa**2
-        square = np.bincount(group, (scale * left) ** 2, len(session))
+        square = np.bincount(group, (scale * weighted_residual) ** 2, len(session))
         spent = scale * (noise.diagonal - np.sum((weighted @ covariance) * weighted, axis=1))
         dof = np.bincount(group, spent, len(session))
         for k in range(int(session.max()) + 1):
@@ -318,6 +321,6 @@ def _variances(
     return noise, dict(zip(names, np.where(size > LEAST, size, NONE).tolist(), strict=True))
 
 
-def _updated(square: Any, known: Any) -> Any:
+def _updated(square: Any, determined: Any) -> Any:
     """The update of MacKay of a variance; where nothing is known it tends to the smallest."""
-    return np.maximum((square + 1e-3 * LEAST) / (known + 1e-3), LEAST)
+    return np.maximum((square + 1e-3 * LEAST) / (determined + 1e-3), LEAST)

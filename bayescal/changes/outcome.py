@@ -122,29 +122,29 @@ def changed(
         joint = prepared([*others, extended], effects, remounted, robust)
         every.append((search.search(evidence(joint)), reasons))
     back = max(range(len(every)), key=lambda k: every[k][0].log_evidence)
-    found, reasons = every[back]
-    e, joint = found.evidence, found.evidence.joint
-    arm_same = sum(w.probability for w in found.weighed if not any(_of_arm(joint, m) for m in w.members))
-    classes = {m: members_of_class(found, m) for m in found.best.members}
+    sets, reasons = every[back]
+    e, joint = sets.evidence, sets.evidence.joint
+    arm_same = sum(w.probability for w in sets.weighed if not any(_of_arm(joint, m) for m in w.members))
+    classes = {m: members_of_class(sets, m) for m in sets.best.members}
     of_class = {m: group for group in reversed(classes.values()) for m in group}
-    verdict = verdict_of(found.same, any(classes.values()))
+    verdict = verdict_of(sets.same, any(classes.values()))
     of_arm = {m: g for m, g in classes.items() if _of_arm(joint, m)}
     arm = verdict_of(arm_same, any(of_arm.values()))
-    listed = [m for m, p in found.probability.items() if p >= search.LISTED or m in of_class]
+    listed = [m for m, p in sets.probability.items() if p >= search.LISTED or m in of_class]
     # members of the best set are in the order of what they explain
-    rank = {m: k for k, lead in enumerate(found.best.members) for m in reversed(classes[lead] or (lead,))}
-    listed.sort(key=lambda m: (m not in of_class, rank.get(m, len(rank)), -found.probability[m]))
+    rank = {m: k for k, lead in enumerate(sets.best.members) for m in reversed(classes[lead] or (lead,))}
+    listed.sort(key=lambda m: (m not in of_class, rank.get(m, len(rank)), -sets.probability[m]))
     differences = [
         d
         for m in listed
-        for d in _differences(found, m, of_class.get(m, ()), m in of_class and verdict != "same")
+        for d in _differences(sets, m, of_class.get(m, ()), m in of_class and verdict != "same")
     ]
-    best = {m.item for m in found.best.members}
+    best = {m.item for m in sets.best.members}
     moved = [k in best or i.kind != "unknown" for k, i in enumerate(joint.items)]
     moves = tcp_slopes(
         joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
     )
-    effect, shifts = _moved(found, moves, [t.id for t in targets], reasons)
+    effect, shifts = _moved(sets, moves, [t.id for t in targets], reasons)
     noise, of_stops = e.noise.tolist(), e.of_stops.tolist()
     if back:
         differences = [_reversed(d, joint.names[0]) for d in differences]
@@ -171,15 +171,15 @@ def changed(
         of_time.sessions,
         verdict,
         arm,
-        found.same,
+        sets.same,
         arm_same,
         tuple(differences),
-        detectable(found, moves),
+        detectable(sets, moves),
         effect,
         shifts,
         tuple(noise),
         tuple(of_stops),
-        _errors(found),
+        _errors(sets),
         joint.placed,
         tuple(warnings),
     )
@@ -201,16 +201,16 @@ def verdict_of(same: float, resolved: bool) -> str:
     return "changed" if 1.0 - same >= search.SURE and resolved else "ambiguous"
 
 
-def members_of_class(found: search.Search, m: search.Member) -> tuple[search.Member, ...]:
+def members_of_class(sets: search.Search, m: search.Member) -> tuple[search.Member, ...]:
     """A member of the best set with those that may replace it: together nearly certain; () if too many."""
-    chosen, rest = [m], [w for w in found.weighed if w.members]
-    total = found.probability[m]
-    others = set(found.best.members) - {m}
+    chosen, with_change = [m], [w for w in sets.weighed if w.members]
+    total = sets.probability[m]
+    others = set(sets.best.members) - {m}
     if total >= search.NAMED:
         return (m,)
     while total < search.SURE and len(chosen) <= MOST:
         mass: dict[search.Member, float] = {}
-        for w in rest:
+        for w in with_change:
             if not set(w.members) & set(chosen):
                 for other in set(w.members) - others:
                     mass[other] = mass.get(other, 0.0) + w.probability
@@ -223,14 +223,14 @@ def members_of_class(found: search.Search, m: search.Member) -> tuple[search.Mem
 
 
 def _differences(
-    found: search.Search, m: search.Member, of_class: Sequence[search.Member], stated: bool
+    sets: search.Search, m: search.Member, of_class: Sequence[search.Member], stated: bool
 ) -> list[Difference]:
-    probability = min(found.probability[m], 1.0)
-    e, item = found.evidence, found.evidence.joint.items[m.item]
-    members = search.set_with(found, m).members
+    probability = min(sets.probability[m], 1.0)
+    e, item = sets.evidence, sets.evidence.joint.items[m.item]
+    members = search.set_with(sets, m).members
     by, mean, covariance = search.posterior(e, members)
     first = sum(len(e.joint.items[k.item].parameters) for k in members[: members.index(m)])
-    variances = np.diag(covariance)[first : first + len(item.parameters)] + search.by_sets(found, m)
+    variances = np.diag(covariance)[first : first + len(item.parameters)] + search.by_sets(sets, m)
     shared = e.shared + e.follow @ (by @ mean)
     place = {name: k for k, name in enumerate(e.names)}
     sign = -1.0 if 0 in m.sessions else 1.0  # the first session alone has another value
@@ -239,8 +239,8 @@ def _differences(
     for p, amplitude, variance in zip(item.parameters, mean[first:], variances, strict=False):
         difference = sign * p.sd * float(amplitude)
         u = float(np.hypot(p.sd * np.sqrt(variance), search.by_masses(e.joint, p) * difference))
-        at = place.get(p.name) if p.name else None
-        before = None if at is None else float(e.centre[at] + e.sd[at] * shared[at])
+        index = place.get(p.name) if p.name else None
+        before = None if index is None else float(e.centre[index] + e.sd[index] * shared[index])
         after = None if before is None else before + difference
         larger = difference if before is None or after is None else max(before, after, key=abs)
         if size is not None and size.value is magnitude and larger < 0:
@@ -254,18 +254,18 @@ def _differences(
 
 
 def _moved(
-    found: search.Search, moves: np.ndarray, ids: Sequence[str], reasons: Sequence[str]
+    sets: search.Search, moves: np.ndarray, ids: Sequence[str], reasons: Sequence[str]
 ) -> tuple[DistanceChange | None, tuple[Shift, ...]]:
     """What the best set does to distances, and at given poses; base and targets are not part of it."""
-    e, joint = found.evidence, found.evidence.joint
-    _, mean, covariance = search.posterior(e, found.best.members)
+    e, joint = sets.evidence, sets.evidence.joint
+    _, mean, covariance = search.posterior(e, sets.best.members)
     first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
-    parameters = [k for m in found.best.members for k in range(first[m.item], first[m.item + 1])]
+    parameters = [k for m in sets.best.members for k in range(first[m.item], first[m.item + 1])]
     weight = [  # of the last session relative to the first
         m.weights(len(joint.sessions))[-1] * (_of_arm(joint, m) or joint.items[m.item].site.kind == "tool")
-        for m in found.best.members
+        for m in sets.best.members
     ]
-    sign = np.repeat(weight, [len(joint.items[m.item].parameters) for m in found.best.members])
+    sign = np.repeat(weight, [len(joint.items[m.item].parameters) for m in sets.best.members])
     kept = sign != 0
     by = moves[parameters][kept] * sign[kept, None, None] if parameters else moves[:0]
     mean, covariance = mean[kept], covariance[np.ix_(kept, kept)]
@@ -276,26 +276,26 @@ def _moved(
         if reason:
             shifts.append(Shift(name or f"{k}", reason=reason))
             continue
-        own = by[:, :, next(rows)]
-        shifts.append(Shift(name or f"{k}", own.T @ mean, own.T @ covariance @ own))
+        slopes = by[:, :, next(rows)]
+        shifts.append(Shift(name or f"{k}", slopes.T @ mean, slopes.T @ covariance @ slopes))
     if not len(by):
         return None, tuple(shifts)
     fitted = joint.circumstances.fitted
-    points = joint.found.model.motion(fitted).points(joint.found.arm)
+    points = joint.estimate.model.motion(fitted).points(joint.estimate.arm)
     return distance_change(distance_slopes(points, by[:, :, fitted]), mean, covariance), tuple(shifts)
 
 
-def detectable(found: search.Search, moves: np.ndarray) -> tuple[Detectable, ...]:
+def detectable(sets: search.Search, moves: np.ndarray) -> tuple[Detectable, ...]:
     """The smallest change of every parameter of the arm and of the tool that would have been found."""
-    e, joint = found.evidence, found.evidence.joint
+    e, joint = sets.evidence, sets.evidence.joint
 
     def beside(item: Item | None) -> np.ndarray:
         """Information with the changes of the best set, without that of an item, integrated out."""
-        others = [m for m in found.best.members if joint.items[m.item] is not item]
+        others = [m for m in sets.best.members if joint.items[m.item] is not item]
         return integrated(e.information, e.score, search.FREE * search.selectors(e, others))[0]
 
     usual = beside(None)
-    inside = {m.item for m in found.best.members}
+    inside = {m.item for m in sets.best.members}
     every = search.options(e)
     prior = search.log_priors(e, every)
     first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
@@ -307,8 +307,9 @@ def detectable(found: search.Search, moves: np.ndarray) -> tuple[Detectable, ...
             continue
         select, g = search.selector(e, m), beside(item) if m.item in inside else usual
         for k, p in enumerate(item.parameters):
-            at = np.flatnonzero(select[:, k])
-            value = _least(float(np.sum(g[np.ix_(at, at)])), prior[m] + float(np.log(1.0 - search.NONE)))
+            columns = np.flatnonzero(select[:, k])
+            information = float(np.sum(g[np.ix_(columns, columns)]))
+            value = _least(information, prior[m] + float(np.log(1.0 - search.NONE)))
             tcp = moves[first[m.item] + k][:, fitted]
             size = float(np.sqrt(np.mean(np.sum(tcp**2, axis=0))))
             if value is None or value > search.SCALES[-1]:  # beyond every prior of a change
@@ -339,9 +340,9 @@ def _least(information: float, prior: float) -> float | None:
     return high + POWER / float(np.sqrt(information))
 
 
-def _errors(found: search.Search) -> tuple[tuple[str, float], ...]:
+def _errors(sets: search.Search) -> tuple[tuple[str, float], ...]:
     """Errors that the model lacks, of all sessions alike, that these tell; largest variance first."""
-    variances, odds = found.evidence.variances, search.told(found)
+    variances, odds = sets.evidence.variances, search.log_odds(sets)
     # any of the families may be it by chance
     least = float(np.log(search.SURE / (1.0 - search.SURE) * max(len(odds), 1)))
     sure = [(name, variances[name]) for name, o in odds.items() if name in EFFECTS and o >= least]

@@ -110,8 +110,8 @@ def selector(e: Evidence, member: Member) -> np.ndarray:
     weights = member.weights(len(e.joint.sessions))
     count = len(e.joint.items[member.item].parameters)
     out = np.zeros((len(e.columns), count))
-    for weight, at in zip(weights, e.places[member.item], strict=True):
-        out[at, np.arange(count)] = weight
+    for weight, columns in zip(weights, e.places[member.item], strict=True):
+        out[columns, np.arange(count)] = weight
     return out
 
 
@@ -153,21 +153,22 @@ def search(e: Evidence) -> Search:
     every = options(e)
     prior = log_priors(e, every)
     select = {m: selector(e, m) for m in every}
-    found: dict[frozenset[Member], Weighed] = {frozenset(): Weighed((), (), float(np.log(NONE)))}
-    front = [found[frozenset()]]
+    weighed: dict[frozenset[Member], Weighed] = {frozenset(): Weighed((), (), float(np.log(NONE)))}
+    front = [weighed[frozenset()]]
     for _ in range(DEPTH):
         for w in front:
             for new in _extended(e, w, every, prior, select):
                 key = frozenset(new.members)
-                if key not in found or found[key].score < new.score:
-                    found[key] = new
+                if key not in weighed or weighed[key].score < new.score:
+                    weighed[key] = new
         size = len(front[0].members) + 1
-        front = sorted((w for w in found.values() if len(w.members) == size), key=lambda w: -w.score)[:WIDTH]
-        best = max(w.score for w in found.values())
+        larger = [w for w in weighed.values() if len(w.members) == size]
+        front = sorted(larger, key=lambda w: -w.score)[:WIDTH]
+        best = max(w.score for w in weighed.values())
         if not front or front[0].score < best - 5.0:
             break
-    leader = max(found.values(), key=lambda w: w.score)
-    ranked = sorted((_softened(e, w, leader) for w in found.values()), key=lambda w: -w.score)
+    leader = max(weighed.values(), key=lambda w: w.score)
+    ranked = sorted((_softened(e, w, leader) for w in weighed.values()), key=lambda w: -w.score)
     density = np.exp(np.array([w.score for w in ranked]) - ranked[0].score)
     share = density / density.sum()
     return Search(
@@ -200,8 +201,8 @@ def _extended(
         if any((m.item == other.item and len(e.joint.sessions) == 2) or m == other for other in w.members):
             continue
         places = np.flatnonzero(np.any(select[m], axis=1))
-        own = select[m][places]
-        gain = gains(own.T @ g[np.ix_(places, places)] @ own, own.T @ s[places])
+        block = select[m][places]
+        gain = gains(block.T @ g[np.ix_(places, places)] @ block, block.T @ s[places])
         scale = float(SCALES[int(np.argmax(gain))])
         score = w.score + averaged(gain) + prior[m] + float(np.log(1.0 - NONE))
         yield Weighed((*w.members, m), (*w.scales, scale), score)
@@ -263,22 +264,22 @@ def _at_variances(
     return 0.5 * np.sum(score**2 * share - np.log(odds), axis=1), share, score, slopes
 
 
-def told(found: Search) -> Mapping[str, float]:
+def log_odds(sets: Search) -> Mapping[str, float]:
     """Log odds of each family of model errors, that it has its variance rather than none."""
-    e = found.evidence
-    given = posterior(e, found.best.members)
+    e = sets.evidence
+    given = posterior(e, sets.best.members)
     gains_of = [-float(_at_variances(f, np.array([LEAST]), *given)[0][0]) for f in e.errors]
     return dict(zip(e.variances, gains_of, strict=False))
 
 
-def set_with(found: Search, m: Member) -> Weighed:
+def set_with(sets: Search, m: Member) -> Weighed:
     """The most probable set that has a member."""
-    return next(w for w in found.weighed if m in w.members)
+    return next(w for w in sets.weighed if m in w.members)
 
 
-def by_sets(found: Search, m: Member) -> np.ndarray:
+def by_sets(sets: Search, m: Member) -> np.ndarray:
     """What the other sets that have a member add to the variances (k,) of its parameters."""
-    e, count = found.evidence, len(found.evidence.joint.items[m.item].parameters)
+    e, count = sets.evidence, len(sets.evidence.joint.items[m.item].parameters)
 
     def moments(w: Weighed) -> tuple[np.ndarray, np.ndarray]:
         scales = [FREE if other == m else s for other, s in zip(w.members, w.scales, strict=True)]
@@ -286,9 +287,9 @@ def by_sets(found: Search, m: Member) -> np.ndarray:
         first = sum(len(e.joint.items[k.item].parameters) for k in w.members[: w.members.index(m)])
         return mean[first : first + count], np.diag(covariance)[first : first + count]
 
-    least = COUNTED * found.probability[m]
-    every = [w for w in found.weighed if m in w.members and w.probability >= least]
-    means, variances = map(np.array, zip(*map(moments, every or [set_with(found, m)]), strict=True))
+    least = COUNTED * sets.probability[m]
+    every = [w for w in sets.weighed if m in w.members and w.probability >= least]
+    means, variances = map(np.array, zip(*map(moments, every or [set_with(sets, m)]), strict=True))
     weight = np.array([w.probability for w in every] or [1.0])
     added = (variances - variances[0]) + (means - means[0]) ** 2
     return np.maximum(weight @ added / np.sum(weight), 0.0)

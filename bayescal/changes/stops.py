@@ -53,20 +53,20 @@ class Stops:
         """The stops of residuals with a row and a session (R,) each, and columns (R, 6)."""
         stop, sessions = np.zeros(len(rows), int), [0]
         for s in np.unique(session):
-            measured, at = np.unique(rows[session == s], return_inverse=True)
+            measured, inverse = np.unique(rows[session == s], return_inverse=True)
             pose = poses(m, measured)
             if np.max(np.bincount(pose)) > 1:
-                stop[session == s] = len(sessions) + pose[at]
+                stop[session == s] = len(sessions) + pose[inverse]
                 sessions += [int(s)] * (int(np.max(pose)) + 1)
         return cls(np.where(stop[:, None] > 0, columns, 0.0), stop, np.array(sessions))
 
     @cached_property
     def matrix(self) -> csr_array:
         """H (R, 6 P)."""
-        at = 6 * self.stop[:, None] + np.arange(6)
+        index = 6 * self.stop[:, None] + np.arange(6)
         start = 6 * np.arange(len(self.stop) + 1)
         shape = (len(self.stop), 6 * len(self.session))
-        return csr_array((self.columns.ravel(), at.ravel(), start), shape=shape)
+        return csr_array((self.columns.ravel(), index.ravel(), start), shape=shape)
 
     def shared(self, sessions: int) -> np.ndarray:
         """Whether the measurements of each of S sessions may share errors of a stop, (S, 2)."""
@@ -91,7 +91,7 @@ class Covariance:
     size: np.ndarray
 
     @cached_property
-    def _own(self) -> np.ndarray:
+    def _information(self) -> np.ndarray:
         """Blocks (P, 6, 6) of H' K^-1 H."""
         by = self.stops.columns / self.kappa[:, None]
         out = np.zeros((len(self.stops.session), 6, 6))
@@ -101,13 +101,13 @@ class Covariance:
     @cached_property
     def _inner(self) -> np.ndarray:
         """Blocks (P, 6, 6) of (T^-1 + H' K^-1 H)^-1."""
-        return np.linalg.inv(self._own + np.eye(6) / self.size[self.stops.session][:, None, KIND])
+        return np.linalg.inv(self._information + np.eye(6) / self.size[self.stops.session][:, None, KIND])
 
     def weighted(self, x: np.ndarray) -> np.ndarray:
         """M^-1 x for columns (R, k)."""
         h, noise = self.stops.matrix, self.kappa[:, None] ** 2
-        own = (h.T @ (x / noise)).reshape(len(self._inner), 6, -1)
-        out: np.ndarray = (x - h @ (self._inner @ own).reshape(h.shape[1], -1)) / noise
+        projected = (h.T @ (x / noise)).reshape(len(self._inner), 6, -1)
+        out: np.ndarray = (x - h @ (self._inner @ projected).reshape(h.shape[1], -1)) / noise
         return out
 
     @cached_property
@@ -116,26 +116,30 @@ class Covariance:
         by, noise = self.stops.columns, self.kappa**2
         return (1.0 - np.einsum("ri,rij,rj->r", by, self._inner[self.stops.stop], by) / noise) / noise
 
-    def sizes(self, left: np.ndarray, x: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def sizes(
+        self, weighted_residual: np.ndarray, x: np.ndarray, covariance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Squares (S, 2) of the most probable errors of stops, and how many of these are known.
 
         Parameters
         ----------
-        left : np.ndarray, shape (R,)
+        weighted_residual : np.ndarray, shape (R,)
             M^-1 r of the residuals r that the unknowns leave.
         x : np.ndarray, shape (R, k)
             M^-1 X of the columns of the unknowns, of which `covariance` (k, k) is the covariance.
         """
         h, size = self.stops.matrix, self.size[self.stops.session][:, KIND]
-        found = size * (h.T @ left).reshape(size.shape)
+        errors = size * (h.T @ weighted_residual).reshape(size.shape)
         by = h.T @ x
         absorbed = np.sum((by @ covariance) * by, axis=1).reshape(size.shape)
-        own = np.einsum("pii->pi", self._own - self._own @ self._inner @ self._own)
-        square, known = (np.zeros(self.size.shape) for _ in range(2))
-        at = self.stops.session[1:, None], KIND
-        np.add.at(square, at, found[1:] ** 2)
-        np.add.at(known, at, (size * (own - absorbed))[1:])
-        return square, known
+        information = np.einsum(
+            "pii->pi", self._information - self._information @ self._inner @ self._information
+        )
+        square, determined = (np.zeros(self.size.shape) for _ in range(2))
+        index = self.stops.session[1:, None], KIND
+        np.add.at(square, index, errors[1:] ** 2)
+        np.add.at(determined, index, (size * (information - absorbed))[1:])
+        return square, determined
 
     @property
     def share(self) -> np.ndarray:

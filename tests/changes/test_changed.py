@@ -340,7 +340,7 @@ def test_an_arm_far_from_nominal_is_no_change(monkeypatch):
     """Its widths are told by both sessions; with the stated ones its residuals are many times the noise."""
     one, model = tracker(seed=0, count=80, noise=1e-4, spread=12.0).dataset, ("geometry", "compliance")
     parts = [rows_of(one, np.flatnonzero(np.arange(80) % 2 == k), name) for k, name in enumerate("AB")]
-    found = prepared(parts, model).found
+    found = prepared(parts, model).estimate
     assert max(found.weights.scale.values()) < 1.5
     (theta3,) = (p for p in found.model.parameters if p.name == "theta3" and p.effect == "geometry")
     assert theta3.sd > 3 * 2e-3
@@ -349,4 +349,4 @@ def test_an_arm_far_from_nominal_is_no_change(monkeypatch):
     monkeypatch.setattr(
         "bayescal.changes.joint.with_widths", lambda found, scene, effects, options: (found, options)
     )
-    assert max(prepared(parts, model).found.weights.scale.values()) > 3
+    assert max(prepared(parts, model).estimate.weights.scale.values()) > 3
