@@ -138,9 +138,9 @@ def fit(
     def compute(some: Dataset) -> Fit:
         return _fit(some, effects, options, without, samples, progress, checkpoint)
 
-    found, left = leaving_out(dataset, compute)
-    every = (*found.findings, *(Finding("not_located", "warning", words) for words in left.values()))
-    return replace(found, findings=tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity))))
+    result, reasons = leaving_out(dataset, compute)
+    every = (*result.findings, *(Finding("not_located", "warning", words) for words in reasons.values()))
+    return replace(result, findings=tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity))))
 
 
 def _fit(
@@ -163,29 +163,29 @@ def _fit(
     def fitted(some: Scene, as_stated: FitOptions = options) -> Widened:
         return with_widths(fitted_level(some, full, as_stated), some, full, as_stated)
 
-    scene, (level, options, told), scatter = scattered(scene, fitted)
+    scene, (level, options, widths), scatter = scattered(scene, fitted)
     levels: list[ModelLevel] = []
     for k, step in enumerate(simpler, 1):
         progress("estimate", k / (len(simpler) + 1))
         estimated = judged_level(scene, step, options, of_causes)
-        left, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
-        checked = validate(estimated, z, kappa, left.excess, of_noise, strict=False)
-        levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, left, checked))
+        excess_error, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
+        checked = validate(estimated, z, kappa, excess_error.excess, of_noise, strict=False)
+        levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, excess_error, checked))
     complete, faces, causes, rigid = _complete(level, options, of_causes)
-    left = unexplained(complete)
+    excess_error = unexplained(complete)
     draws = _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint)
     progress("predict", 0.0)
     places = np.linspace(0, len(draws.flat) - 1, min(count, len(draws.flat))).astype(int)
     kappa = draws.kappa[places]
     plain = draws.flat[places]
-    checked = validate(complete, plain, kappa, left.excess, of_noise, strict=True)
-    tests = acceptance(left, checked, causes, rejected_share(complete), dataset)
+    checked = validate(complete, plain, kappa, excess_error.excess, of_noise, strict=True)
+    tests = acceptance(excess_error, checked, causes, rejected_share(complete), dataset)
     progress("predict", 0.2)
     wide = stated(complete)
     every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
     z, located = every[places], prepared(wide.wide, loose=True)
-    left, checked, remaining = _restated(wide, located, left, z, kappa, tests, of_noise)
-    levels.append(ModelLevel(complete.model.effects or NOMINAL, complete, left, checked))
+    excess_error, checked, remaining = _restated(wide, located, excess_error, z, kappa, tests, of_noise)
+    levels.append(ModelLevel(complete.model.effects or NOMINAL, complete, excess_error, checked))
     progress("predict", 0.8)
     determined, seen = identifiability(complete, wide.limited), directions(complete.model)
     lacking = undetermined(complete, determined)
@@ -193,10 +193,14 @@ def _fit(
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
     doubts = (*tests.doubts, *discrepancy(wide))
-    if (own := anew(scatter, complete)) is not None:
-        checks, doubts = ((*checks, own), doubts) if own.value > own.limit else (checks, (own, *doubts))
-    tests = replace(tests, checks=checks, doubts=doubts, determined=not rests_on_priors(expected, left))
-    results = Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options, rigid, told)
+    if (check := anew(scatter, complete)) is not None:
+        failed = check.value > check.limit
+        checks, doubts = ((*checks, check), doubts) if failed else (checks, (check, *doubts))
+    by_data = not rests_on_priors(expected, excess_error)
+    tests = replace(tests, checks=checks, doubts=doubts, determined=by_data)
+    results = Assessed(
+        complete, excess_error, checked, expected, lacking, seen, faces, tests, options, rigid, widths
+    )
     limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):
         tested = judged(dataset)
@@ -209,7 +213,7 @@ def _fit(
     return Fit(
         dataset, options, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
-        lacking, faces, expected, seen, tests, limitations, basis, decided, rigid, told,
+        lacking, faces, expected, seen, tests, limitations, basis, decided, rigid, widths,
     )  # fmt: skip
 
 
@@ -217,12 +221,12 @@ def _complete(
     level: Estimate, options: FitOptions, seed: int
 ) -> tuple[Estimate, tuple[FaceCheck, ...], tuple[SharedCause, ...], Rigid]:
     """The last level with the form of uneven faces, rejected rows that share a cause, and bounds."""
-    found = completed(level, options.robust, seed)
-    level = found.fitted
+    result = completed(level, options.robust, seed)
+    level = result.fitted
     if options.latent_joints:
         level = with_latent_readings(level)
     level, rigid = bounded(level)
-    return level, found.faces, found.causes, rigid
+    return level, result.faces, result.causes, rigid
 
 
 def _sampled(
@@ -239,8 +243,8 @@ def _sampled(
 
 
 def _restated(
-    wide: Stated, known: Prepared, left: Unexplained, z: np.ndarray, kappa: np.ndarray, tests: Acceptance,
-    seed: int,
+    wide: Stated, linearised: Prepared, excess_error: Unexplained, z: np.ndarray, kappa: np.ndarray,
+    tests: Acceptance, seed: int,
 ) -> tuple[Unexplained, Validation, Unexplained]:  # fmt: skip
     """What is unexplained in total, the validation with the stated uncertainty, and what it adds to points.
 
@@ -248,45 +252,46 @@ def _restated(
     it are added.
     """
     kappa = kappa * np.sqrt(wide.white)
-    rest = wide.remaining(left)
-    checked = validate(wide.wide, z, kappa, rest.excess, seed, known=known)
-    wider = widened(rest, checked, tests)
-    if wider.excess > rest.excess:
-        checked = validate(wide.wide, z, kappa, wider.excess, seed, known=known)
-        total = np.sqrt(left.excess**2 + wider.excess**2 - rest.excess**2)
-        left = replace(left, excess=float(total))
-    return left, checked, wider
+    remaining = wide.remaining(excess_error)
+    checked = validate(wide.wide, z, kappa, remaining.excess, seed, linearised=linearised)
+    wider = widened(remaining, checked, tests)
+    if wider.excess > remaining.excess:
+        checked = validate(wide.wide, z, kappa, wider.excess, seed, linearised=linearised)
+        total = np.sqrt(excess_error.excess**2 + wider.excess**2 - remaining.excess**2)
+        excess_error = replace(excess_error, excess=float(total))
+    return excess_error, checked, wider
 
 
-def basis_of(found: Estimate, seed: int = 0) -> Basis:
+def basis_of(estimate: Estimate, seed: int = 0) -> Basis:
     """What a fit states of an estimate, by the Gaussian approximation of its posterior.
 
     Parameters
     ----------
-    found : Estimate
+    estimate : Estimate
     seed : int
         Of the draws by which validation measurements are tested.
     """
     of_draws, of_noise, of_discrepancy = spawned(seed, 3)
-    z, kappa = approximate(found, of_draws, predicted_draws(found.model.scene.dataset))
-    left, wide = unexplained(found), stated(found)
-    tests = acceptance(left, validate(found, z, kappa, left.excess, of_noise), (), rejected_share(found))
+    z, kappa = approximate(estimate, of_draws, predicted_draws(estimate.model.scene.dataset))
+    excess_error, wide = unexplained(estimate), stated(estimate)
+    checked = validate(estimate, z, kappa, excess_error.excess, of_noise)
+    tests = acceptance(excess_error, checked, (), rejected_share(estimate))
     every = wide.draws(z, np.random.default_rng(of_discrepancy))
-    known = prepared(wide.wide, loose=True)
-    _, checked, rest = _restated(wide, known, left, every, kappa, tests, of_noise)
-    return _basis(wide, rest.excess, checked, known)
+    linearised = prepared(wide.wide, loose=True)
+    _, checked, remaining = _restated(wide, linearised, excess_error, every, kappa, tests, of_noise)
+    return _basis(wide, remaining.excess, checked, linearised)
 
 
-def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared) -> Basis:
+def _basis(wide: Stated, excess: float, checked: Validation, linearised: Prepared) -> Basis:
     """The basis of budgets; `excess`, m, of points, beyond the discrepancy."""
-    left = unexplained(wide.plain)
-    own = wide.remaining(left).excess
-    beyond = max(excess**2 - own**2, 0.0)
+    excess_error = unexplained(wide.plain)
+    of_residuals = wide.remaining(excess_error).excess
+    beyond = max(excess**2 - of_residuals**2, 0.0)
     # beyond the residuals, the unexplained error was estimated from validation measurements
     rows = [len(c.residuals) for c in checked.planes] + [c.residuals.shape[1] for c in checked.points]
     shown = len(checked.distances) or sum(rows)
-    below = own**4 / left.excess_dof + beyond**2 / max(shown, 1)
-    return Basis(wide, excess, excess**4 / below if below > 0 else inf, known)
+    below = of_residuals**4 / excess_error.excess_dof + beyond**2 / max(shown, 1)
+    return Basis(wide, excess, excess**4 / below if below > 0 else inf, linearised)
 
 
 def predicted_draws(dataset: Dataset) -> int:

@@ -141,7 +141,7 @@ def u_of(given: Given, basis: Basis, seed: int = 0) -> np.ndarray:
     z = basis.stated.draws(z, np.random.default_rng(seed))
     there = replace(wide, model=replace(wide.model, scene=scene))
     known = prepared(there, loose=True, strict=False)
-    checked = validate(there, z, kappa * np.sqrt(basis.stated.white), basis.excess, seed, known=known)
+    checked = validate(there, z, kappa * np.sqrt(basis.stated.white), basis.excess, seed, linearised=known)
     out = np.full(len(given.whole.measurements.ids), np.nan)
     for one in (True, False):
         rows = [r.block.rows for r in known.rows if (r.block.kind.rows == 1) is one]

@@ -231,7 +231,7 @@ def _variance(basis: Basis, r: RowPrediction, by: np.ndarray) -> float:
         at_known_arm = np.linalg.solve(own.T @ own + np.eye(own.shape[1]), moved)
         return float(np.sum((by * r.noise) ** 2) + moved @ at_known_arm)
     moved = by @ r.by_target
-    if r.own:
+    if r.locates_target:
         return float(np.sum(((by + moved @ r.target.gain) * r.noise) ** 2))
     return float(np.sum((by * r.noise) ** 2) + np.sum((moved @ r.target.scatter) ** 2))
 

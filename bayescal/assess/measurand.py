@@ -219,7 +219,7 @@ def _own(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.O
     wide = basis.stated.wide
     z = wide.z[wide.model.slices[r.block.target]] if r.target is None else r.target.z
     # rows that locate their target: their errors change the target too
-    each = by if not r.own or r.target is None else by + by @ r.by_target @ r.target.gain
+    each = by if not r.locates_target or r.target is None else by + by @ r.by_target @ r.target.gain
     names = "noise of the compared readings", "joint readings at the compared rows"
     out = list(inputs.reading_errors(basis, r.block, z, r.noise, each, names))
     if basis.excess and r.target is not None:  # the noise scale of fitted targets includes it
@@ -227,5 +227,5 @@ def _own(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.O
         out.append((basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)))
     if r.target is not None:
         of_target = inputs.own_errors(basis, r.target, -by @ r.by_target)
-        out += [error for error in of_target if not r.own or error[0].evaluation == "B"]
+        out += [error for error in of_target if not r.locates_target or error[0].evaluation == "B"]
     return out

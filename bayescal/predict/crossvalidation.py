@@ -63,12 +63,12 @@ def folds(m: Measurements, rows: np.ndarray) -> np.ndarray:
     rows : np.ndarray of int, shape (R,)
         Rows of the session, in any order; several residuals may have the same row.
     """
-    own, inverse = np.unique(rows, return_inverse=True)
-    block = np.empty(len(own), int)
-    for target in np.unique(m.target[own]):
-        mine = np.flatnonzero(m.target[own] == target)
+    unique_rows, inverse = np.unique(rows, return_inverse=True)
+    block = np.empty(len(unique_rows), int)
+    for target in np.unique(m.target[unique_rows]):
+        mine = np.flatnonzero(m.target[unique_rows] == target)
         block[mine] = np.arange(len(mine)) * FOLDS // len(mine)
-    pose = poses(m, own)
+    pose = poses(m, unique_rows)
     _, first = np.unique(pose, return_index=True)
     return block[first][pose][inverse]
 
@@ -90,10 +90,10 @@ def regions(m: Measurements, rows: np.ndarray) -> np.ndarray:
     poses, inverse = np.unique(m.readings[rows], axis=0, return_inverse=True)
     if len(poses) <= REGIONS:
         return inverse
-    at = (poses - np.mean(poses, axis=0)) / np.maximum(np.std(poses, axis=0), STILL)
+    scaled = (poses - np.mean(poses, axis=0)) / np.maximum(np.std(poses, axis=0), STILL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a cluster that has become empty: there is one region less
-        return np.asarray(kmeans2(at, REGIONS, iter=50, minit="++", seed=0)[1])[inverse]
+        return np.asarray(kmeans2(scaled, REGIONS, iter=50, minit="++", seed=0)[1])[inverse]
 
 
 def without_fold(
@@ -129,8 +129,8 @@ def without_fold(
         mine = np.flatnonzero(fold == one)
         b, used = by[mine], weight[mine]
         values, vectors = np.linalg.eigh(np.eye(by.shape[1]) - (b.T * used) @ b)
-        own = (b @ vectors) / np.sqrt(np.maximum(values, ROUNDING))
-        yield mine, residual[mine] + own @ (own.T @ (used * residual[mine])), own
+        slopes = (b @ vectors) / np.sqrt(np.maximum(values, ROUNDING))
+        yield mine, residual[mine] + slopes @ (slopes.T @ (used * residual[mine])), slopes
 
 
 RESAMPLES = 2000
@@ -145,8 +145,9 @@ def blocks(scene: Scene, rows: np.ndarray) -> np.ndarray:
     """Block labels (R,) of rows in order of time: a pose, or else neighbours in time."""
     pose = poses(scene.dataset.measurements, rows)
     alone = np.bincount(pose)[pose] == 1
-    rest = np.unique(rows[alone])
-    place = np.searchsorted(rest, rows) * min(BLOCKS, max(len(rest), 1)) // max(len(rest), 1)
+    unique_rows = np.unique(rows[alone])
+    count = max(len(unique_rows), 1)
+    place = np.searchsorted(unique_rows, rows) * min(BLOCKS, count) // count
     return np.unique(np.where(alone, place, len(rows) + pose), return_inverse=True)[1]
 
 
@@ -171,11 +172,11 @@ def resampled_distances(
     """
     floor = float(np.mean(after.predicted_sd() ** 2))
     pair = np.stack([before.error, after.error])
-    left = pair @ pair.T / pair.shape[1] - floor
-    own = np.maximum(np.diag(left), SMALLEST * floor)
-    largest = CORRELATED * np.sqrt(own[0] * own[1])
-    across = float(np.clip(left[0, 1], -largest, largest))
-    factor = np.linalg.cholesky(np.array([[own[0], across], [across, own[1]]]))
+    excess = pair @ pair.T / pair.shape[1] - floor
+    variance = np.maximum(np.diag(excess), SMALLEST * floor)
+    largest = CORRELATED * np.sqrt(variance[0] * variance[1])
+    across = float(np.clip(excess[0, 1], -largest, largest))
+    factor = np.linalg.cholesky(np.array([[variance[0], across], [across, variance[1]]]))
     by = before.by_centres / np.sqrt(2.0)  # a distance has the errors of two centres along it
     errors = np.einsum("ij,sjk->sik", factor, rng.standard_normal((RESAMPLES, 2, by.shape[1]))) @ by.T
     noise = rng.standard_normal((RESAMPLES, after.by_parameters.shape[1])) @ after.by_parameters.T
@@ -185,7 +186,7 @@ def resampled_distances(
     number = independent_distances(before)
     # the simulated covariance was itself estimated from this number of distances
     wider = np.sqrt(number / (number - 1.0)) if number > 1.0 else 1.0
-    return np.mean(pair**2, axis=1) * ((own + floor) / simulated) ** wider
+    return np.mean(pair**2, axis=1) * ((variance + floor) / simulated) ** wider
 
 
 def independent_distances(d: CentreDistances) -> float:
@@ -214,7 +215,7 @@ class _Part:
     residual: np.ndarray
     noise: np.ndarray
     by_parameters: np.ndarray
-    own: np.ndarray
+    noise_covariance: np.ndarray
 
 
 def validation_errors(estimate: Estimate, strict: bool = True, without: str = LEFT_OUT) -> ValidationErrors:
@@ -234,8 +235,8 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         If a target cannot be located from its rows.
     """
     scene = estimate.model.scene
-    known, factor = prepared(estimate, strict=strict), root(estimate.covariance)
-    fitted = [r for r in known.rows if r.target is None]
+    linearised, factor = prepared(estimate, strict=strict), root(estimate.covariance)
+    fitted = [r for r in linearised.rows if r.target is None]
     how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else without
     in_images = scene.in_images[scene.rows("calibrate")]
     if how == LEFT_OUT and len(in_images) and in_images.all():
@@ -247,14 +248,14 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
     fold = None
     if how in TOGETHER:  # as they were left out; what was not fitted is predicted by the fit to all
         of_fitted = _rows([p.block for p in parts])
-        of_located = _rows([r.block for r in known.rows if r.target is not None])
-        own = TOGETHER[how](scene.dataset.measurements, of_fitted)
-        fold = np.concatenate([own, np.full(len(of_located), -1)])
+        of_located = _rows([r.block for r in linearised.rows if r.target is not None])
+        fitted_fold = TOGETHER[how](scene.dataset.measurements, of_fitted)
+        fold = np.concatenate([fitted_fold, np.full(len(of_located), -1)])
     main = next((g for g in GROUPS if any(p.block.group == g for p in parts)), "point")
-    parts += [_predicted(r, factor) for r in known.rows if r.target is not None]
+    parts += [_predicted(r, factor) for r in linearised.rows if r.target is not None]
     blocks_of = [p.block for p in parts]
-    at = _rows(blocks_of)
-    order = np.argsort(at, kind="stable")
+    rows = _rows(blocks_of)
+    order = np.argsort(rows, kind="stable")
 
     def joined(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(values)[order]
@@ -272,13 +273,13 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         joined([p.residual for p in parts]),
         joined([p.noise for p in parts]),
         padded([p.by_parameters for p in parts]),
-        at[order],
+        rows[order],
         labels(["planes" if b.kind.rows == 1 else "points" for b in blocks_of]),
         labels([b.group for b in blocks_of]),
         labels([b.target for b in blocks_of]),
-        blocks(scene, at[order]),
-        centre_distances(scene, known.located, factor[estimate.model.slices[ARM]]),
-        padded([p.own for p in parts]),
+        blocks(scene, rows[order]),
+        centre_distances(scene, linearised.located, factor[estimate.model.slices[ARM]]),
+        padded([p.noise_covariance for p in parts]),
         estimate.dof,
         None if fold is None else fold[order],
         padded([by_readings(estimate, b) for b in blocks_of]) if scene.in_images.any() else None,
@@ -297,7 +298,7 @@ def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
         return _part(r.block, r.residual, r.noise, spread)
     spread = spread + (r.by_target @ r.target.by_arm) @ factor[: r.target.by_arm.shape[1]]
     scatter = r.by_target @ r.target.scatter
-    if not r.own:
+    if not r.locates_target:
         return _part(r.block, r.residual, r.noise, np.column_stack([spread, scatter]))
     # with G = by_target gain, (1 - G) noise and the prior add up to noise^2 - scatter^2
     less = np.maximum(r.noise**2 - np.sum(scatter**2, axis=1), 1e-3 * r.noise**2)
@@ -305,13 +306,17 @@ def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
 
 
 def _part(
-    block: Block, residual: np.ndarray, noise: np.ndarray, by: np.ndarray, own: np.ndarray | None = None
+    block: Block,
+    residual: np.ndarray,
+    noise: np.ndarray,
+    by: np.ndarray,
+    covariance: np.ndarray | None = None,
 ) -> _Part:
-    """Residuals (R,) of a block; `own` (C, k, k) is the covariance of `noise`, independent if not given."""
+    """Residuals (R,) of a block; `covariance` (C, k, k) is that of `noise`, independent if not given."""
     k = block.kind.rows
-    if own is None:
-        own = np.eye(k) * noise.reshape(k, -1).T[:, None] ** 2
-    return _Part(block, residual, noise, by, np.swapaxes(own, 0, 1).reshape(len(noise), k))
+    if covariance is None:
+        covariance = np.eye(k) * noise.reshape(k, -1).T[:, None] ** 2
+    return _Part(block, residual, noise, by, np.swapaxes(covariance, 0, 1).reshape(len(noise), k))
 
 
 def left_out(estimate: Estimate) -> list[_Part]:
@@ -335,9 +340,9 @@ def left_out(estimate: Estimate) -> list[_Part]:
         r = np.einsum("cij,jc->ic", free, linear.residual[mine].reshape(k, c))
         spread = np.where(weight > 0, free, np.eye(k) + leverage)
         each = noise.reshape(k, c)
-        own = spread * np.einsum("ic,jc->cij", each, each)
-        sd = np.sqrt(np.einsum("cii->ic", own)).ravel()
-        out.append(_part(b, r.ravel() * noise, sd, np.zeros((k * c, 0)), own))
+        covariance = spread * np.einsum("ic,jc->cij", each, each)
+        sd = np.sqrt(np.einsum("cii->ic", covariance)).ravel()
+        out.append(_part(b, r.ravel() * noise, sd, np.zeros((k * c, 0)), covariance))
     return out
 
 
@@ -351,20 +356,20 @@ def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> list[_Part]:
     whole = estimate.weights.full
     linear = linearise(model, estimate.z, whole)
     lengths = length_blocks(model)
-    at = np.concatenate([np.arange(len(linear.residual))[linear.of_block[b.target]] for b in lengths])
+    index = np.concatenate([np.arange(len(linear.residual))[linear.of_block[b.target]] for b in lengths])
     rows = _rows(lengths)
     weight = np.concatenate([np.tile(estimate.weights.row[b.name], b.kind.rows) for b in lengths])
-    residual = linear.residual[at]
-    by = linear.jacobian[at] @ root(estimate.covariance)
+    residual = linear.residual[index]
+    by = linear.jacobian[index] @ root(estimate.covariance)
     spread = np.empty_like(by)
     fold = folded(model.scene.dataset.measurements, rows)
-    for mine, moved, own in without_fold(residual.copy(), by, weight, fold):
-        residual[mine], spread[mine] = moved, own
+    for mine, moved, slopes in without_fold(residual.copy(), by, weight, fold):
+        residual[mine], spread[mine] = moved, slopes
     ends = np.cumsum([b.residuals for b in lengths])
     out = []
-    for b, own in zip(lengths, np.split(np.arange(len(rows)), ends[:-1]), strict=True):
+    for b, of_block in zip(lengths, np.split(np.arange(len(rows)), ends[:-1]), strict=True):
         noise, apart = 1.0 / whole.whitening(b), whole.decorrelation(b)
-        r, by = (x[own] if apart is None else apart.coloured(x[own]) for x in (residual, spread))
+        r, by = (x[of_block] if apart is None else apart.coloured(x[of_block]) for x in (residual, spread))
         out.append(_part(b, r * noise, noise, by * noise[:, None]))
     return out
 

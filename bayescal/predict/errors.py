@@ -118,7 +118,7 @@ class ValidationErrors:
     target: np.ndarray  # (R,) names
     block: np.ndarray  # (R,) labels for the bootstrap
     distances: CentreDistances
-    own: np.ndarray | None = None  # (R, K) m2, `noise` of each with the K residuals of its row; None: alone
+    noise_covariance: np.ndarray | None = None  # (R, K) m2, with the K residuals of a row; None: independent
     dof: Mapping[str, float] = field(default_factory=dict)  # of the noise scale of each group; else known
     fold: np.ndarray | None = None  # (R,) block of a blocked cross-validation; None: one fit predicts all
     by_readings: np.ndarray | None = None  # (R, n) m, part of `noise` that the rows of an image share
@@ -137,10 +137,12 @@ class ValidationErrors:
         chi2, logdet = np.empty(len(rows)), np.empty(len(rows))
         for k in np.unique(size):
             mine = size == k
-            at = order[start[mine][:, None] + np.arange(k)]
-            by, r = self.by_parameters[at], self.residual[at]
-            own = np.eye(k) * self.noise[at][..., None] ** 2 if self.own is None else self.own[at][..., :k]
-            covariance = own + by @ np.swapaxes(by, 1, 2)
+            index = order[start[mine][:, None] + np.arange(k)]
+            by, r = self.by_parameters[index], self.residual[index]
+            covariance = np.eye(k) * self.noise[index][..., None] ** 2
+            if self.noise_covariance is not None:
+                covariance = self.noise_covariance[index][..., :k]
+            covariance = covariance + by @ np.swapaxes(by, 1, 2)
             chi2[mine] = np.sum(r * np.linalg.solve(covariance, r[..., None])[..., 0], axis=1)
             logdet[mine] = np.linalg.slogdet(covariance)[1]
         return Joint(rows, order[start], size, chi2, logdet)
@@ -156,8 +158,8 @@ class ValidationErrors:
         usual = np.ones(len(j.rows))
         for label, share in USUAL.items():
             of = getattr(self, label)[j.first]
-            for own in np.unique(of):
-                mine = of == own
+            for value in np.unique(of):
+                mine = of == value
                 usual[mine] = np.maximum(usual[mine], scale(j.chi2[mine], j.size[mine], share=share))
         out, group = np.zeros(len(j.rows), bool), self.group[j.first]
         for name in np.unique(group):
@@ -170,8 +172,8 @@ class ValidationErrors:
 def without_rows(held: ValidationErrors, rows: Sequence[int]) -> ValidationErrors:
     """The same errors without the residuals of some rows of the session."""
     use = ~np.isin(held.rows, rows)
-    names = ("residual", "noise", "by_parameters", "rows", "kind", "group", "target", "block", "own", "fold")
-    arrays = ((name, getattr(held, name)) for name in (*names, "by_readings"))
+    names = ("residual", "noise", "by_parameters", "rows", "kind", "group", "target", "block", "fold")
+    arrays = ((name, getattr(held, name)) for name in (*names, "noise_covariance", "by_readings"))
     return held if use.all() else replace(held, **{k: v[use] for k, v in arrays if v is not None})
 
 
@@ -189,22 +191,22 @@ def evenly(count: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
-def far_pairs(at: np.ndarray) -> np.ndarray:
+def far_pairs(points: np.ndarray) -> np.ndarray:
     """Pairs (K, 2) of points (3, N) with a distance that is long enough."""
-    pairs = np.stack(np.triu_indices(at.shape[1], 1), axis=1)
-    apart = lengths(at, pairs)
+    pairs = np.stack(np.triu_indices(points.shape[1], 1), axis=1)
+    apart = lengths(points, pairs)
     return pairs[apart > SHORTEST * np.max(apart, initial=0.0)]
 
 
-def lengths(at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def lengths(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Distances (..., K) between points (..., 3, N)."""
-    return np.linalg.norm(at[..., pairs[:, 0]] - at[..., pairs[:, 1]], axis=-2)
+    return np.linalg.norm(points[..., pairs[:, 0]] - points[..., pairs[:, 1]], axis=-2)
 
 
-def by_points(motion: Motion, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Slopes (3, P, N) of the TCP positions `at` (3, N) of a motion by the parameters, at `values` (P,)."""
-    axes = [np.repeat(axis[:, None], at.shape[1], axis=1) for axis in np.eye(3)]
-    return np.stack([motion.columns(values, at, axis) for axis in axes])
+def by_points(motion: Motion, values: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Slopes (3, P, N) of the TCP positions (3, N) of a motion by the parameters, at `values` (P,)."""
+    axes = [np.repeat(axis[:, None], points.shape[1], axis=1) for axis in np.eye(3)]
+    return np.stack([motion.columns(values, points, axis) for axis in axes])
 
 
 def slopes(model: Model, motion: Motion, values: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -220,9 +222,9 @@ def slopes(model: Model, motion: Motion, values: np.ndarray, pairs: np.ndarray) 
     pairs : np.ndarray, shape (K, 2)
         Of the rows.
     """
-    at = motion.points(values)
+    points = motion.points(values)
     first, second = pairs.T
-    along = (at[:, first] - at[:, second]) / lengths(at, pairs)
-    by_point = by_points(motion, values, at)
+    along = (points[:, first] - points[:, second]) / lengths(points, pairs)
+    by_point = by_points(motion, values, points)
     by = np.einsum("ak,apk->kp", along, by_point[..., first] - by_point[..., second])
     return np.asarray(by * model.sd)

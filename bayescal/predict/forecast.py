@@ -86,12 +86,12 @@ def elsewhere(
     there = Scene(replace(d, measurements=table), compliances=scene.compliances)
     circumstances = there.circumstances()
     named = possible(model.effects, circumstances)
-    known = {p.name: p for p in parameters_of(named, circumstances, lenient=True)}
+    by_name = {p.name: p for p in parameters_of(named, circumstances, lenient=True)}
     tools = there.tools if offset is None else there.tools + offset
     terms: list[tuple[int, Term]] = []
     for k, parameter in enumerate(model.parameters):
-        if parameter.name in known:
-            terms += [(k, t) for t in known[parameter.name].terms if t.frame >= 0]
+        if parameter.name in by_name:
+            terms += [(k, t) for t in by_name[parameter.name].terms if t.frame >= 0]
     return Motion(there.chain, there.q, tools, terms, len(model.parameters))
 
 
@@ -218,11 +218,11 @@ def forecast(
         for name in (EFFECT, MASSES)
     )
     # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
-    known = np.flatnonzero(~np.isin(effect, (EFFECT, MASSES)))
-    spread = by[:, known] @ fitted.covariance[fitted.model.slices[ARM]]
+    of_model = np.flatnonzero(~np.isin(effect, (EFFECT, MASSES)))
+    spread = by[:, of_model] @ fitted.covariance[fitted.model.slices[ARM]]
     certified = certified_sizes(fitted.model.scene.dataset)
-    own = [k for k, p in enumerate(fitted.model.parameters) if p.effect != FORM and p.name not in certified]
-    prior = float(np.mean(np.sum(spread[:, own] ** 2, axis=1)))
+    has_prior = [p.effect != FORM and p.name not in certified for p in fitted.model.parameters]
+    prior = float(np.mean(np.sum(spread[:, np.flatnonzero(has_prior)] ** 2, axis=1)))
     total = max(total, 1e-30)
     return Forecast(
         measured, workspace, float(np.sqrt(prior)), prior / total,
@@ -256,9 +256,9 @@ def read_pairs(
     if xyz is None or scene.declared_of(target).reads != "xyz":
         return None
     pick = evenly(len(rows), POINTS)
-    at = xyz[rows[pick]].T
-    pairs = far_pairs(at)
-    return (pick, at, pairs) if np.max(lengths(at, pairs), initial=0.0) >= SMALLEST else None
+    points = xyz[rows[pick]].T
+    pairs = far_pairs(points)
+    return (pick, points, pairs) if np.max(lengths(points, pairs), initial=0.0) >= SMALLEST else None
 
 
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
@@ -267,10 +267,10 @@ def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
     for p in checked.points:
         rows = scene.rows_of(scene.index[p.target], scene.rows("validate"))
         if (read := read_pairs(scene, p.target, rows)) is not None:
-            pick, at, pairs = read
-            true = lengths(at, pairs)
-            predicted = lengths(at + p.predicted[..., pick], pairs) - true
-            parts.append((true, predicted, lengths(at + p.residuals[:, pick], pairs) - true))
+            pick, points, pairs = read
+            true = lengths(points, pairs)
+            predicted = lengths(points + p.predicted[..., pick], pairs) - true
+            parts.append((true, predicted, lengths(points + p.residuals[:, pick], pairs) - true))
     if not parts:
         return None
     true, predicted, error = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(3))
@@ -304,13 +304,13 @@ def workspace(fitted: Estimate) -> Workspace:
     rows = rows[np.isin(tool[rows], tool[scene.rows("calibrate")])]
     rows = rows[evenly(len(rows), POINTS)]
     motion, values = model.motion(rows), fitted.arm
-    at, over = motion.points(values), Workspace.over
-    if np.max(lengths(at, np.stack(np.triu_indices(len(rows), 1), axis=1)), initial=0.0) < SMALLEST:
+    points, over = motion.points(values), Workspace.over
+    if np.max(lengths(points, np.stack(np.triu_indices(len(rows), 1), axis=1)), initial=0.0) < SMALLEST:
         rows = np.resize(rows, POINTS)
         readings = joint_range(scene.dataset.robot, POINTS, np.random.default_rng(RANGE_SEED))
         motion, over = elsewhere(model, rows, readings), "points over the range of all joints"
-        at = motion.points(values)
-    pairs = far_pairs(at)
+        points = motion.points(values)
+    pairs = far_pairs(points)
     return Workspace(motion, values, pairs[tool[rows[pairs[:, 0]]] == tool[rows[pairs[:, 1]]]], over)
 
 
@@ -323,13 +323,13 @@ def _workspace(
     drawn = space.motion.points(model.deviations(z[:, model.slices[ARM]]))
     if excess:
         drawn = drawn + excess * rng.standard_normal(drawn.shape)
-    found = DistanceErrors(
+    errors = DistanceErrors(
         space.over, len(space.pairs), float(np.min(true, initial=np.inf)),
         float(np.max(true, initial=0.0)), lengths(drawn, space.pairs) - true, None,
     )  # fmt: skip
     if not model.parameters or not len(space.pairs):
-        return found, np.zeros((0, 0))
-    return found, slopes(model, space.motion, space.values, space.pairs)
+        return errors, np.zeros((0, 0))
+    return errors, slopes(model, space.motion, space.values, space.pairs)
 
 
 def _rms(errors: np.ndarray) -> np.ndarray:

@@ -54,8 +54,7 @@ def _linear(q: np.ndarray, square: np.ndarray) -> np.ndarray:
 
 
 def _sphere(kind: Sphere, p: np.ndarray) -> Sequence[np.ndarray]:
-    found = centres(p, 0.5 * kind.diameter + kind.radius)
-    return [np.append(c - kind.centre, 0.0) for c in found]
+    return [np.append(c - kind.centre, 0.0) for c in centres(p, 0.5 * kind.diameter + kind.radius)]
 
 
 def _distance(kind: Distance, p: np.ndarray) -> Sequence[np.ndarray]:
@@ -120,7 +119,7 @@ class States:
     x: np.ndarray  # (S, size) m and rad
     tool: np.ndarray  # (S, 3) m; (S, 0) where it is known
     cost: np.ndarray  # (S,) negative log posterior, nats, up to a constant
-    left: np.ndarray  # (S,) length of the remaining Newton step, posterior standard deviations
+    step_length: np.ndarray  # (S,) length of the remaining Newton step, posterior standard deviations
     information: np.ndarray  # (S, m, m) of the unknowns over their prior standard deviations
 
     def some(self, places: Sequence[int] | np.ndarray) -> States:
@@ -174,9 +173,9 @@ class Rows:
         """Whether `p` holds poses."""
         return self.p.shape[-2] == 4
 
-    def chi2(self, at: States) -> np.ndarray:
+    def chi2(self, solution: States) -> np.ndarray:
         """Chi-square (C,) of each row's residuals at the first solution, over their standard uncertainty."""
-        residual = self.kind.residual(at.x[:1], self.points(at.tool[:1]))[0]
+        residual = self.kind.residual(solution.x[:1], self.points(solution.tool[:1]))[0]
         return np.sum((residual / self.sigma) ** 2, axis=0)
 
 
@@ -226,9 +225,9 @@ def search(rows: Rows, start: np.ndarray, weight: np.ndarray | float = 1.0, besi
         diagonal = np.einsum("sii->si", information) * damping[:, None]
         damped = information + diagonal[:, :, None] * identity
         newton, step = np.linalg.solve(np.stack([information, damped]), gradient[..., None])[..., 0]
-        left = np.sqrt(np.sum(gradient * newton, axis=1))
-        limit = cost[0] + beside if left[0] <= RESTS else np.inf
-        active = (left > RESTS) & (cost - SLOW * left**2 < limit)
+        step_length = np.sqrt(np.sum(gradient * newton, axis=1))
+        limit = cost[0] + beside if step_length[0] <= RESTS else np.inf
+        active = (step_length > RESTS) & (cost - SLOW * step_length**2 < limit)
         if k == ITERATIONS or not active.any():
             break
         trial = y - np.where(active[:, None], step, 0.0)
@@ -240,7 +239,7 @@ def search(rows: Rows, start: np.ndarray, weight: np.ndarray | float = 1.0, besi
         gradient = np.where(good[:, None], gradient_there, gradient)
         information = np.where(good[:, None, None], information_there, information)
     x, tool = physical(y)
-    return States(x, tool, cost, left, information)
+    return States(x, tool, cost, step_length, information)
 
 
 def locate(name: str, rows: Rows, strict: bool = True) -> tuple[States, np.ndarray]:
@@ -295,31 +294,32 @@ def _plausible(kind: Kind, first: States, begin: np.ndarray) -> np.ndarray:
     return np.asarray(rivals & (_apart(kind, first, begin) > APART))
 
 
-def _rests(found: States) -> np.ndarray:
+def _rests(solutions: States) -> np.ndarray:
     """Which (S,) of the searches have converged."""
-    return np.asarray((found.left < LARGEST_STEP) & np.isfinite(found.cost))
+    return np.asarray((solutions.step_length < LARGEST_STEP) & np.isfinite(solutions.cost))
 
 
-def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:
+def _apart(kind: Kind, solution: States, x: np.ndarray) -> np.ndarray:
     """Distances (S,) of states (S, size) from a solution, in its posterior standard deviations."""
     free = kind.sd > 0
-    away, size = (x - at.x)[:, free] / kind.sd[free], int(free.sum())
+    away, size = (x - solution.x)[:, free] / kind.sd[free], int(free.sum())
     # of the target alone: its tool's shift takes part through the information that is left without it
-    h = at.information[0]
+    h = solution.information[0]
     h = h[:size, :size] - h[:size, size:] @ np.linalg.solve(h[size:, size:], h[size:, :size])
     return np.sqrt(np.maximum(np.einsum("si,ij,sj->s", away, h, away), 0.0))
 
 
-def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -> None:
+def _check(name: str, solutions: States, chosen: States, kind: Kind, strict: bool) -> None:
     """Raise an error where the search did not converge, or another position is nearly as probable."""
-    if not chosen.left[0] < LARGEST_STEP:
-        raise UnlocatedError(name, f"the search from {len(found.x)} starts did not reach an optimum")
-    distance = _apart(kind, chosen, found.x)
-    rival = (found.left < LARGEST_STEP) & (found.cost < chosen.cost + RIVAL) & (distance > APART)
+    if not chosen.step_length[0] < LARGEST_STEP:
+        raise UnlocatedError(name, f"the search from {len(solutions.x)} starts did not reach an optimum")
+    distance = _apart(kind, chosen, solutions.x)
+    probable = solutions.cost < chosen.cost + RIVAL
+    rival = probable & (solutions.step_length < LARGEST_STEP) & (distance > APART)
     if strict and np.any(rival):
         other = int(np.argmax(rival))
         lengths = np.array([unit == "m" for _, unit in kind.parts])
-        apart = 1e3 * float(np.linalg.norm((found.x[other] - chosen.x[0])[lengths]))
+        apart = 1e3 * float(np.linalg.norm((solutions.x[other] - chosen.x[0])[lengths]))
         raise AmbiguousPositionError(name, f"two places {apart:.3g} mm apart explain them equally well")
 
 
@@ -331,8 +331,8 @@ def robust_rows(rows: Rows, start: np.ndarray) -> np.ndarray:
     kind, weight = rows.kind, np.ones(rows.p.shape[-1])
     unknowns = int(np.sum(kind.sd > 0)) + len(rows.shifts)
     for _ in range(8):
-        at = search(rows, start, np.sqrt(weight))
-        start, chi2 = at.x, rows.chi2(at)
+        solution = search(rows, start, np.sqrt(weight))
+        start, chi2 = solution.x, rows.chi2(solution)
         size = max(scale(chi2, kind.rows, unknowns), 1.0)
         weight = student_weights(chi2, kind.rows, size)
     return 1.0 - rejected(chi2, kind.rows, size)

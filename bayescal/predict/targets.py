@@ -95,8 +95,8 @@ def located_target(estimate: Estimate, block: Block, strict: bool = True) -> Loc
     noise = noise_of(estimate, block, np.zeros(block.size))
     shifts = by_tool(block, values, block.points(values)) if tool_sd else NO_SHIFTS
     rows = Rows(kind, p, noise.reshape(kind.rows, -1), shifts, tool_sd)
-    at, keep = locate(block.target, rows, strict)
-    z, tool = at.x[0, block.free] / block.sd, at.tool[0]
+    solution, keep = locate(block.target, rows, strict)
+    z, tool = solution.x[0, block.free] / block.sd, solution.tool[0]
     block = carrying(block, tool) if tool_sd else block
     return linearised_target(estimate, block, z, noise, np.tile(keep, kind.rows), tool, tool_sd)
 
@@ -130,9 +130,9 @@ def linearised_target(
     weighted = design.T * (keep / noise**2)
     factor = factored(weighted @ design + np.eye(design.shape[1]))
     gain = -solved(factor, weighted)
-    left = solved(factor, np.eye(len(weighted)))
+    by_prior = solved(factor, np.eye(len(weighted)))
     tool = np.zeros(3) if tool is None else tool
-    return LocatedTarget(block, z, tool, tool_sd, noise, gain, gain @ by_arm, left, gain @ by_point)
+    return LocatedTarget(block, z, tool, tool_sd, noise, gain, gain @ by_arm, by_prior, gain @ by_point)
 
 
 def slopes_of(
@@ -236,7 +236,7 @@ class RowPrediction:
     by_point: np.ndarray  # (R, 3) slopes by one shift of all ball centres, m
 
     @property
-    def own(self) -> bool:
+    def locates_target(self) -> bool:
         """Whether these rows located the target, so that its position depends on their noise."""
         t = self.target
         return t is not None and (self.block.name, *self.block.rows) == (t.block.name, *t.block.rows)
@@ -252,8 +252,8 @@ def predicted_rows(estimate: Estimate, block: Block, target: LocatedTarget | Non
     model = estimate.model
     arm = model.slices[ARM]
     if target is None:
-        own = model.slices[block.target]
-        z, tool_sd = estimate.z[own], 0.0
+        columns = model.slices[block.target]
+        z, tool_sd = estimate.z[columns], 0.0
     else:
         z, tool_sd = target.z, target.tool_sd
         block = carrying(block, target.tool) if tool_sd else block
@@ -261,7 +261,7 @@ def predicted_rows(estimate: Estimate, block: Block, target: LocatedTarget | Non
     by_z = np.zeros((len(r), len(estimate.z)))
     by_z[:, arm] = by_arm
     if target is None:
-        by_z[:, own] = by_target
+        by_z[:, columns] = by_target
         by_target = by_target[:, :0]
     return RowPrediction(block, r, noise_of(estimate, block, z), by_z, target, by_target, by_point)
 
@@ -298,12 +298,12 @@ def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Pr
     by = dict(_located_apart(scene, model))
     out, located, free = [], {}, {}
     for t in map(int, np.unique(scene.dataset.measurements.target[rows])):
-        name, own = scene.dataset.targets[t].name, scene.rows_of(t, rows)
+        name, target_rows = scene.dataset.targets[t].name, scene.rows_of(t, rows)
         if t not in by:
-            out.append(predicted_rows(estimate, model.block(t, own)))
+            out.append(predicted_rows(estimate, model.block(t, target_rows)))
             continue
-        block = model.block(t, own)
-        apart = block if np.array_equal(by[t], own) else model.block(t, by[t])
+        block = model.block(t, target_rows)
+        apart = block if np.array_equal(by[t], target_rows) else model.block(t, by[t])
         located[name] = located_target(estimate, as_certified(scene, apart), strict)
         if not scene.declared[t].located:
             out.append(predicted_rows(estimate, block, located[name]))
@@ -323,17 +323,17 @@ def leaving_out(dataset: Dataset, compute: Callable[[Dataset], Result]) -> tuple
     UnlocatedError
         If the target is needed: other rows are fitted to it, or it remains after that.
     """
-    left: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     while True:
         try:
-            return compute(dataset), left
+            return compute(dataset), reasons
         except UnlocatedError as error:
             m = dataset.measurements
-            own = m.target == [t.name for t in dataset.targets].index(error.target)
-            if error.target in left or np.any(m.role[own] == "calibrate"):
+            of_target = m.target == [t.name for t in dataset.targets].index(error.target)
+            if error.target in reasons or np.any(m.role[of_target] == "calibrate"):
                 raise
-            left[error.target] = f"{error.what}: it validates nothing; {error.remedy}"
-            dataset = replace(dataset, measurements=replace(m, role=np.where(own, "locate", m.role)))
+            reasons[error.target] = f"{error.what}: it validates nothing; {error.remedy}"
+            dataset = replace(dataset, measurements=replace(m, role=np.where(of_target, "locate", m.role)))
 
 
 def unlocated(estimate: Estimate) -> Iterator[UnlocatedError]:
@@ -376,8 +376,8 @@ def _located_apart(scene: Scene, model: Model) -> Iterator[tuple[int, np.ndarray
     rows = scene.rows("validate")
     for t in map(int, np.unique(scene.dataset.measurements.target[rows])):
         if scene.dataset.targets[t].name not in model.block_of:
-            own, apart = scene.rows_of(t, rows), scene.rows_of(t, scene.rows("locate"))
-            yield t, own if scene.declared[t].located or not len(apart) else apart
+            target_rows, apart = scene.rows_of(t, rows), scene.rows_of(t, scene.rows("locate"))
+            yield t, target_rows if scene.declared[t].located or not len(apart) else apart
 
 
 def certified_diameters(scene: Scene) -> dict[str, float]:

@@ -182,7 +182,7 @@ class _Draws:
         else:
             off, noise = self.located(r.target)
             out -= off @ r.by_target.T
-            out += noise if r.own else self._of_others(r)
+            out += noise if r.locates_target else self._of_others(r)
         return out.reshape(len(out), *r.in_rows.shape)
 
     def _of_fitted(self, r: targets.RowPrediction) -> np.ndarray:
@@ -214,7 +214,7 @@ def validate(
     excess: float = 0.0,
     seed: int = 0,
     strict: bool = True,
-    known: targets.Prepared | None = None,
+    linearised: targets.Prepared | None = None,
 ) -> Validation:
     """Predict every validation measurement under a fitted model.
 
@@ -232,7 +232,7 @@ def validate(
         Of the simulated noise.
     strict : bool
         As for `prepared`.
-    known : Prepared, optional
+    linearised : Prepared, optional
         All of the estimate's `prepared` rows and targets, with loose spheres, where they are known.
 
     Raises
@@ -241,23 +241,23 @@ def validate(
         If a target cannot be located from its rows.
     """
     d = _Draws(estimate, z - estimate.z, kappa, excess, np.random.default_rng(seed))
-    known = known or targets.prepared(estimate, loose=True, strict=strict)
-    planes = [r for r in known.rows if r.block.kind.rows == 1]
-    points = [r for r in known.rows if r.block.kind.rows > 1]
+    linearised = linearised or targets.prepared(estimate, loose=True, strict=strict)
+    planes = [r for r in linearised.rows if r.block.kind.rows == 1]
+    points = [r for r in linearised.rows if r.block.kind.rows > 1]
     return Validation(
         estimate.model.effects,
         tuple(RowCheck(r.block.target, r.residual, d.residuals(r)[:, 0]) for r in planes),
-        tuple(_distances(d, known)),
-        tuple(_diameters(d, known)),
+        tuple(_distances(d, linearised)),
+        tuple(_diameters(d, linearised)),
         tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in points),
-        tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in _turns(estimate, known)),
+        tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in _turns(estimate, linearised)),
     )
 
 
-def _turns(estimate: Estimate, known: targets.Prepared) -> list[targets.RowPrediction]:
+def _turns(estimate: Estimate, linearised: targets.Prepared) -> list[targets.RowPrediction]:
     """Orientations that validation measurements measure together with their points."""
     model, out = estimate.model, []
-    for r in known.rows:
+    for r in linearised.rows:
         rows = _known_turns(model, r.block.rows)
         if len(rows):
             block = model.turned(model.scene.index[r.block.target], rows)
@@ -270,14 +270,14 @@ def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
     scene, m = model.scene, model.scene.dataset.measurements
     posed = rows[scene.posed[rows]]
     fitted = scene.rows("calibrate")
-    known = np.array([tool.rpy is not None and tool.u_angle is not None for tool in scene.dataset.tools])
-    known[m.tool[fitted[scene.posed[fitted]]]] = True
-    return posed[known[m.tool[posed]]]
+    oriented = np.array([tool.rpy is not None and tool.u_angle is not None for tool in scene.dataset.tools])
+    oriented[m.tool[fitted[scene.posed[fitted]]]] = True
+    return posed[oriented[m.tool[posed]]]
 
 
-def _distances(d: _Draws, known: targets.Prepared) -> list[DistanceCheck]:
+def _distances(d: _Draws, linearised: targets.Prepared) -> list[DistanceCheck]:
     out = []
-    for c, a, b in certified_pairs(d.estimate.model.scene, known.located):
+    for c, a, b in certified_pairs(d.estimate.model.scene, linearised.located):
         measured = float(np.linalg.norm(a.centre - b.centre))
         drawn = [t.centre + d.located(t)[0] @ t.to_state[:3].T for t in (a, b)]
         u = c.u_distance or 0.0
@@ -288,10 +288,10 @@ def _distances(d: _Draws, known: targets.Prepared) -> list[DistanceCheck]:
     return out
 
 
-def _diameters(d: _Draws, known: targets.Prepared) -> list[DiameterCheck]:
+def _diameters(d: _Draws, linearised: targets.Prepared) -> list[DiameterCheck]:
     scene, out = d.estimate.model.scene, []
     certified: Mapping[str, float] = targets.certified_diameters(scene)
-    for name, t in known.loose.items():
+    for name, t in linearised.loose.items():
         names = [part for part, _ in t.block.kind.parts]
         if "diameter" not in names:
             continue

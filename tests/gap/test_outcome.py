@@ -286,7 +286,7 @@ def test_the_coordinates_of_a_point_are_judged_together():
     assert not loose.gross.any()
     together = np.tile(NOISE**2 * (np.eye(3) + 4.0), (20, 1))
     sd = np.full(60, np.sqrt(5.0) * NOISE)
-    same = replace(points, by_parameters=np.zeros((60, 0)), noise=sd, own=together)
+    same = replace(points, by_parameters=np.zeros((60, 0)), noise=sd, noise_covariance=together)
     np.testing.assert_allclose(same.joint.chi2, loose.joint.chi2)
     np.testing.assert_allclose(same.joint.logdet, loose.joint.logdet)
 

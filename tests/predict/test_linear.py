@@ -39,7 +39,7 @@ def relocated(found, t, draws, rng, excess=0.0):
     seen = p - noise * away / np.linalg.norm(away, axis=1, keepdims=True)
     rows = Rows(block.touched(values[0]), seen, t.noise[None])
     at = search(rows, np.tile(t.state, (count, 1)))
-    assert np.all(at.left < 0.01)
+    assert np.all(at.step_length < 0.01)
     return block.kind.centre + at.x[:, :3]
 
 
