@@ -256,8 +256,8 @@ def poses(scene: Scene, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     readings = scene.dataset.measurements.readings
     seen, good, _ = closed_form(scene.dataset, target, rows, readings)
     first = seen.first[good]
-    at = scene.points[first] - (scene.flange[first] @ scene.tools[first][..., None])[..., 0]
-    return np.concatenate([scene.flange[first], at[..., None]], axis=2), seen.poses[good], first
+    origins = scene.points[first] - (scene.flange[first] @ scene.tools[first][..., None])[..., 0]
+    return np.concatenate([scene.flange[first], origins[..., None]], axis=2), seen.poses[good], first
 
 
 def on_flange(scene: Scene, target: int, solver: str) -> np.ndarray:
@@ -272,11 +272,11 @@ def on_flange(scene: Scene, target: int, solver: str) -> np.ndarray:
     turn, shift = cv2.calibrateHandEye(
         turns, shifts, list(board[:, :, :3]), list(board[:, :, 3]), method=method
     )
-    found = np.column_stack([turn, np.ravel(shift)])
+    pose = np.column_stack([turn, np.ravel(shift)])
     if carried:
-        return found
+        return pose
     # a fixed camera: the board on the flange, as the median image has it
-    every = product(inverse(flange), product(found, board))
+    every = product(inverse(flange), product(pose, board))
     middle = np.median(every[:, :, 3], axis=0)
     return np.asarray(every[np.argmin(np.linalg.norm(every[:, :, 3] - middle, axis=1))])
 
@@ -289,10 +289,10 @@ def _solve(scene: Scene, effects: tuple[str, ...], solver: str) -> Solution:
         if not isinstance(block.kind, Camera):
             continue
         target = scene.index[block.target]
-        found, m = on_flange(scene, target, solver), scene.dataset.measurements
+        pose, m = on_flange(scene, target, solver), scene.dataset.measurements
         tool = scene.dataset.tools[int(m.tool[block.rows[0]])]
-        turn = rotation_vector(scene.tool_frames[block.rows[0]].T @ found[:, :3])
-        off = zip(("x", "y", "z", "rx", "ry", "rz"), (*(found[:, 3] - tool.centre), *turn), strict=True)
+        turn = rotation_vector(scene.tool_frames[block.rows[0]].T @ pose[:, :3])
+        off = zip(("x", "y", "z", "rx", "ry", "rz"), (*(pose[:, 3] - tool.centre), *turn), strict=True)
         for axis, value in off:
             if (name := f"{tool.name} {axis}") in named:
                 values[named[name]] = value

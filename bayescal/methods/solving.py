@@ -207,16 +207,16 @@ def levenberg(system: System) -> Solution:
     identifiable = estimable(system, start)
     moved = np.concatenate([identifiable.kept, np.arange(system.arm, system.size)])
 
-    def at(part: np.ndarray) -> np.ndarray:
+    def expanded(part: np.ndarray) -> np.ndarray:
         x = start.copy()
         x[moved] = part
         return x
 
     def residual(part: np.ndarray) -> np.ndarray:
-        return system(at(part))[0]
+        return system(expanded(part))[0]
 
     def slopes(part: np.ndarray) -> np.ndarray:
-        return system(at(part))[1][:, moved]
+        return system(expanded(part))[1][:, moved]
 
     check_enough(system, len(moved))
     minimum = least_squares(
@@ -225,7 +225,7 @@ def levenberg(system: System) -> Solution:
     )  # fmt: skip
     if minimum.status == 0 or not np.all(np.isfinite(minimum.x)):
         raise BayescalError("the least squares did not converge")
-    return solution(system, at(minimum.x), identifiable)
+    return solution(system, expanded(minimum.x), identifiable)
 
 
 def linear_steps(system: System) -> Solution:

@@ -271,8 +271,8 @@ class Posed(Oriented):
         """
         force, moment = u[:3], u[3:]
         square = np.maximum(np.sum(force**2, axis=0), np.finfo(float).tiny)
-        at = seen[:, 3] + np.cross(force, moment, axis=0) / square
-        out = self.motion.columns(values, at, force)
+        points = seen[:, 3] + np.cross(force, moment, axis=0) / square
+        out = self.motion.columns(values, points, force)
         self.add_turns(out, values, seen[:, :3], moment)
         return out
 

@@ -151,11 +151,11 @@ class Model:
         index, out = [], []
         for k, p in enumerate(self.parameters):
             if here := [t for t in p.terms if t.frame == frame and t.axis in axes]:
-                own = np.zeros((len(axes), count))
+                driver = np.zeros((len(axes), count))
                 for t in here:
-                    own[axes.index(t.axis)] += t.driver
+                    driver[axes.index(t.axis)] += t.driver
                 index.append(k)
-                out.append(own)
+                out.append(driver)
         return np.array(index, int), np.array(out).reshape(len(index), len(axes), count)
 
     def _along(self, frame: int, axes: Sequence[str], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -122,19 +122,21 @@ def as_seen(dataset: Dataset) -> Dataset:
             continue
         k = int(np.bincount(m.tool[rows]).argmax())
         if is_stated(t) or is_stated(dataset.tools[k]):
-            found = closed_form(dataset, target, rows[m.tool[rows] == k], m.readings)[2]
-            out = out if found is None or not found.determined else placed(out, target, k, found)
+            transform = closed_form(dataset, target, rows[m.tool[rows] == k], m.readings)[2]
+            out = out if transform is None or not transform.determined else placed(out, target, k, transform)
     return out
 
 
 def views_of(scene: Scene, fitted: np.ndarray) -> tuple[View, ...]:
     """What the cameras of fitted rows see, where the images tell that camera and board are."""
-    at, target = scene.as_seen, scene.dataset.measurements.target
+    seen, target = scene.as_seen, scene.dataset.measurements.target
+    count = len(target)
     views = tuple(
-        view(at.dataset.targets[t], replace(found, scale=kind.scale), rows, at.nominal(t, rows), len(target))
+        view(seen.dataset.targets[t], replace(camera, scale=kind.scale), rows, seen.nominal(t, rows), count)
         for t in np.unique(target[fitted]).tolist()
         for rows in (np.flatnonzero(target == t),)
-        if isinstance(kind := scene.kind(t, rows), Camera) and isinstance(found := at.kind(t, rows), Camera)
+        if isinstance(kind := scene.kind(t, rows), Camera)
+        and isinstance(camera := seen.kind(t, rows), Camera)
     )
     return tuple(replace(v, several=True) for v in views) if len(views) > 1 else views
 
@@ -153,11 +155,11 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
     count : int
         N rows of the session.
     """
-    lens, own, points = kind.lens, stated(t), board(t).points
+    lens, u, points = kind.lens, stated(t), board(t).points
     # directions as they were seen: nominal geometry may be rough
     xy = lens.directions(kind.pixel.T)
-    at = kind.seen(np.zeros(6), pose)
-    depth = np.maximum(at[2], NEAREST)
+    in_camera = kind.seen(np.zeros(6), pose)
+    depth = np.maximum(in_camera[2], NEAREST)
 
     def spread(by: np.ndarray) -> np.ndarray:
         """Slopes (2, K, C), px, as lengths of all rows, (N, 2, K)."""
@@ -183,11 +185,11 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
     by_scale, by_bow = board_slopes[..., :2] * corner, board_slopes[..., 2:] * (1.0 - (corner / half) ** 2)
     return View(
         t.name, every,
-        ImageErrors(("fx", "fy"), "px", spread(focal), own.focal, lens.focal),
-        ImageErrors(("cx", "cy"), "px", spread(centre), own.centre, lens.centre),
-        ImageErrors(NAMES[lens.model], "1", spread(coefficients), own.coefficients, lens.coefficients),
-        ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, own.scale), of_board=True),
-        ImageErrors(("bow x", "bow y"), "m", by_bow, np.full(2, own.flatness), of_board=True),
+        ImageErrors(("fx", "fy"), "px", spread(focal), u.focal, lens.focal),
+        ImageErrors(("cx", "cy"), "px", spread(centre), u.centre, lens.centre),
+        ImageErrors(NAMES[lens.model], "1", spread(coefficients), u.coefficients, lens.coefficients),
+        ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, u.scale), of_board=True),
+        ImageErrors(("bow x", "bow y"), "m", by_bow, np.full(2, u.flatness), of_board=True),
         number, board_slopes,
     )  # fmt: skip
 

@@ -36,7 +36,7 @@ class Density:
         touching = [np.zeros(0, int) if isinstance(b, Oriented) else b.rows for b in self.blocks]
         self._motion = model.motion(np.concatenate(touching))
         ends = np.cumsum([len(rows) for rows in touching])
-        self._at = [slice(end - len(rows), end) for end, rows in zip(ends, touching, strict=True)]
+        self._columns = [slice(end - len(rows), end) for end, rows in zip(ends, touching, strict=True)]
         self.groups = noise_groups(model)
         self.kappa = np.array([estimate.weights.scale[g] for g in self.groups])  # (G,) the estimate's
         member = np.array([[b.group == g for g in self.groups] for b in self.blocks], float)
@@ -73,11 +73,12 @@ class Density:
         values = self.model.deviations(z[:, slices[ARM]])
         p = self._motion.points(values)
         residuals, states = [], {}
-        for block, at, inverse in zip(self.blocks, self._at, self.inverse_sigma, strict=True):
-            own = z[:, slices[block.target]]
-            states[block.target] = state = block.state(own)
+        for block, columns, inverse in zip(self.blocks, self._columns, self.inverse_sigma, strict=True):
+            z_target = z[:, slices[block.target]]
+            states[block.target] = state = block.state(z_target)
             posed = isinstance(block, Oriented)
-            r = block.residual(values, own) if posed else block.residual_of(p[..., at], values, state)
+            points = p[..., columns]
+            r = block.residual(values, z_target) if posed else block.residual_of(points, values, state)
             residuals.append(r * inverse)
         return residuals, states
 
@@ -93,22 +94,22 @@ class Density:
                 r = apart.white(r.reshape(len(r), -1).T).T[:, None]
             contacts += np.einsum("wkc,wkc->w", r, r)[:, None] * member
         values = self.model.deviations(z[:, self.model.slices[ARM]])
-        rest = np.einsum("wd,wd->w", z, z)
+        chi2_prior = np.einsum("wd,wd->w", z, z)
         for constraint in self.model.constraints:
             r, _ = constraint.linearise(values, *(states[name] for name in constraint.targets))
-            rest += np.einsum("wk,wk->w", r, r)
-        return contacts, rest
+            chi2_prior += np.einsum("wk,wk->w", r, r)
+        return contacts, chi2_prior
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Log density up to a constant, (W,), at points x (W, D + G)."""
         if len(x) > self.at_once:
             return np.concatenate([self(x[k : k + self.at_once]) for k in range(0, len(x), self.at_once)])
-        contacts, rest = self.misfit(x[:, : self.model.size])
+        contacts, chi2_prior = self.misfit(x[:, : self.model.size])
         log_kappa = x[:, self.model.size :]
         with np.errstate(over="ignore", invalid="ignore"):
             of_scales = (self.count + STATED_WORTH) * log_kappa
             of_scales += 0.5 * (contacts + STATED_WORTH) * np.exp(-2.0 * log_kappa)
-            out = -0.5 * rest - np.sum(of_scales, axis=1)
+            out = -0.5 * chi2_prior - np.sum(of_scales, axis=1)
         return np.where(np.isfinite(out), out, -np.inf)
 
 
@@ -155,14 +156,14 @@ def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.rand
     density = Density(estimate)
     blocks = density.blocks
     rows = np.unique(np.concatenate([b.rows for b in blocks]))
-    at = [np.searchsorted(rows, b.rows) for b in blocks]
+    columns = [np.searchsorted(rows, b.rows) for b in blocks]
     here, _ = density.whitened(estimate.z[None])
     log_likelihood = np.empty((len(z), len(rows)), np.float32)
     replicated = np.full((len(z), len(rows)), np.nan, np.float32)
     observed = np.full(len(rows), np.nan)
     pointlike = [k for k, b in enumerate(blocks) if b.name == b.target]
     for k in pointlike:
-        observed[at[k]] = _size(here[k][0] / density.inverse_sigma[k])
+        observed[columns[k]] = _size(here[k][0] / density.inverse_sigma[k])
     chunk = min(CHUNK, density.at_once)
     for start in range(0, len(z), chunk):
         part = slice(start, start + chunk)
@@ -171,10 +172,10 @@ def pointwise(estimate: Estimate, z: np.ndarray, kappa: np.ndarray, rng: np.rand
             inverse = density.inverse_sigma[k]
             scale = kappa[part, density.groups.index(blocks[k].group), None, None]
             term = np.log(1e-6 * inverse / np.sqrt(2.0 * np.pi) / scale) - 0.5 * (r / scale) ** 2
-            terms[:, at[k]] += term.sum(axis=1)
+            terms[:, columns[k]] += term.sum(axis=1)
             if k in pointlike:
                 anew = here[k] - r + scale * rng.standard_normal(r.shape)
-                replicated[part, at[k]] = UM * _size(anew / inverse)
+                replicated[part, columns[k]] = UM * _size(anew / inverse)
         log_likelihood[part] = terms
     return Pointwise(rows, log_likelihood, replicated, observed)
 
@@ -186,8 +187,8 @@ def _whitened(density: Density, z: np.ndarray) -> list[np.ndarray]:
         return density.whitened(z)[0]
     out = [np.empty((len(z), *inverse.shape)) for inverse in density.inverse_sigma]
     for k in range(0, len(z), few):
-        for own, part in zip(out, density.whitened(z[k : k + few])[0], strict=True):
-            own[k : k + few] = part
+        for residuals, part in zip(out, density.whitened(z[k : k + few])[0], strict=True):
+            residuals[k : k + few] = part
     return out
 
 

@@ -77,7 +77,7 @@ def inference_data(record: Record) -> Any:
             for name, (dims, values) in record.arrays(group).items()
         }
         coords: dict[str, Any] = dict(record.dimensions(group))
-        coords |= {name: own for name, own in record.labels.items() if own[0] in coords}
+        coords |= {name: label for name, label in record.labels.items() if label[0] in coords}
         datasets[group] = xr.Dataset(arrays, coords=coords, attrs=dict(record.attrs))
     az = arviz()
     if int(az.__version__.split(".")[0]) < 1:
@@ -107,7 +107,7 @@ def save(record: Record, path: Path) -> None:
             group.dimensions = {dim: len(labels) for dim, labels in dimensions.items()}
             for dim, labels in dimensions.items():
                 _variable(group, dim, (dim,), labels)
-            further = {k: own for k, own in record.labels.items() if own[0] in dimensions}
+            further = {k: label for k, label in record.labels.items() if label[0] in dimensions}
             for label, (dim, values) in further.items():
                 _variable(group, label, (dim,), np.asarray(values))
             for variable, (dims, values) in record.arrays(name).items():

@@ -48,24 +48,24 @@ class Scale:
     log_mass: np.ndarray  # (BINS,) log density in each bin
 
     @classmethod
-    def of(cls, own: Quadratic, chi2: float, count: float, rest: Quadratic, kappa: float) -> Scale:
+    def of(cls, group: Quadratic, chi2: float, count: float, others: Quadratic, kappa: float) -> Scale:
         """Build it from the part of a group with `count` residuals, and all other parts.
 
         Parameters
         ----------
-        own : Quadratic
+        group : Quadratic
             Of the group at kappa 1; `chi2` is its value at the estimate.
         chi2 : float
         count : float
             Residuals of the group.
-        rest : Quadratic
+        others : Quadratic
             Of prior, certificates and other groups.
         kappa : float
             Estimated scale, about which the grid lies.
         """
-        eigenvalues, basis = eigh(own[0], rest[0])
+        eigenvalues, basis = eigh(group[0], others[0])
         eigenvalues = np.maximum(eigenvalues, 0.0)
-        pull, push = basis.T @ own[1], basis.T @ rest[1]
+        pull, push = basis.T @ group[1], basis.T @ others[1]
         spread = 1.0 / np.sqrt(2.0 * max(count - len(basis) + STATED_WORTH, 4.0))
         edges = np.log(kappa) + REACH * spread * np.linspace(-1.0, 1.0, BINS + 1)
         middle = 0.5 * (edges[1:] + edges[:-1])
@@ -109,7 +109,7 @@ class Linearised:
     scales: tuple[Scale, ...]  # of each group
     information: np.ndarray  # (G, D, D) of each group at kappa 1
     gradient: np.ndarray  # (G, D) of each group at kappa 1
-    rest: Quadratic  # of prior and certificates
+    prior: Quadratic  # of prior and certificates
 
     @classmethod
     def of(cls, density: Density) -> Linearised:
@@ -117,25 +117,24 @@ class Linearised:
         estimate, model = density.estimate, density.model
         stated = replace(estimate.weights, scale=dict.fromkeys(density.groups, 1.0))
         unit = linearise(model, estimate.z, stated)
-        own, chi2 = [], []
+        of_groups, chi2 = [], []
         for group in density.groups:
-            at = [unit.of_block[b.name] for b in model.blocks if b.group == group]
-            j = np.concatenate([unit.jacobian[s] for s in at])
-            r = np.concatenate([unit.residual[s] for s in at])
-            own.append((j.T @ j, j.T @ r))
+            slices = [unit.of_block[b.name] for b in model.blocks if b.group == group]
+            j = np.concatenate([unit.jacobian[s] for s in slices])
+            r = np.concatenate([unit.residual[s] for s in slices])
+            of_groups.append((j.T @ j, j.T @ r))
             chi2.append(float(r @ r))
         first = sum(s.stop - s.start for s in unit.of_block.values())
         j, r = unit.jacobian[first:], unit.residual[first:]
-        rest = np.eye(model.size) + j.T @ j, estimate.z + j.T @ r
-        at_estimate = [(k**-2 * a, k**-2 * b) for (a, b), k in zip(own, density.kappa, strict=True)]
+        prior = np.eye(model.size) + j.T @ j, estimate.z + j.T @ r
+        at_estimate = [(k**-2 * a, k**-2 * b) for (a, b), k in zip(of_groups, density.kappa, strict=True)]
         scales = []
-        for k, q in enumerate(own):
+        for k, q in enumerate(of_groups):
             others = [o for h, o in enumerate(at_estimate) if h != k]
-            beside = sum((a for a, _ in others), rest[0]), sum((b for _, b in others), rest[1])
+            beside = sum((a for a, _ in others), prior[0]), sum((b for _, b in others), prior[1])
             scales.append(Scale.of(q, chi2[k], float(density.count[k]), beside, float(density.kappa[k])))
-        return cls(
-            estimate.z, tuple(scales), np.array([a for a, _ in own]), np.array([b for _, b in own]), rest
-        )
+        information, gradient = np.array([a for a, _ in of_groups]), np.array([b for _, b in of_groups])
+        return cls(estimate.z, tuple(scales), information, gradient, prior)
 
     def draw(self, count: int, rng: Random, spread: float = 1.0) -> np.ndarray:
         """Independent points (count, D + G); `spread` is a factor on the standard deviation of parameters."""
@@ -166,7 +165,7 @@ class Linearised:
         """Log density (W,) of `draw` at points x (W, D + G), up to a constant."""
         size = len(self.centre)
         away, log_kappa = x[:, :size] - self.centre, x[:, size:]
-        out = np.sum([s(own) for s, own in zip(self.scales, log_kappa.T, strict=True)], axis=0)
+        out = np.sum([s(values) for s, values in zip(self.scales, log_kappa.T, strict=True)], axis=0)
         log_kappa = np.where(np.isfinite(out)[:, None], log_kappa, [s.edges[0] for s in self.scales])
         if len(self.scales) == 1:
             mean, precision = self.scales[0].given(log_kappa[:, 0])
@@ -179,8 +178,8 @@ class Linearised:
     def _given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means (W, D) and Cholesky factors (W, D, D) of the information, given the scales (W, G)."""
         inverse_square = np.exp(-2.0 * log_kappa)
-        information = self.rest[0] + np.tensordot(inverse_square, self.information, axes=1)
-        gradient = self.rest[1] + inverse_square @ self.gradient
+        information = self.prior[0] + np.tensordot(inverse_square, self.information, axes=1)
+        gradient = self.prior[1] + inverse_square @ self.gradient
         mean = -np.linalg.solve(information, gradient[..., None])[..., 0]
         return mean, np.linalg.cholesky(information)
 

@@ -197,9 +197,9 @@ def _sample(
         ends = _walkers_end_to_end(chains)
         tests = once(lambda: vars(convergence(ends)) | {"drift": np.array(_drift(chains))})  # noqa: B023
         drift = float(tests["drift"])
-        found = Convergence(*(tests[f.name] for f in fields(Convergence)))
-        tau = thin * chains[..., 0].size / float(found.ess_bulk.min())
-        enough = min(float(found.ess.min()) / effective, (steps - first) / (TAUS * tau))
+        diagnostics = Convergence(*(tests[f.name] for f in fields(Convergence)))
+        tau = thin * chains[..., 0].size / float(diagnostics.ess_bulk.min())
+        enough = min(float(diagnostics.ess.min()) / effective, (steps - first) / (TAUS * tau))
         if (enough >= 1.0 and drift <= LARGEST_RHAT) or steps >= max_steps:
             break
         if drift > LARGEST_RHAT:
@@ -211,14 +211,15 @@ def _sample(
     progress(1.0)
     lp = np.stack([e.log_density(first, thin) for e in ensembles])
     names, size = (*density.model.names, *scale_names(density.groups)), density.model.size
-    complaint = _complaint(names, found, drift, effective, steps, tau)
+    complaint = _complaint(names, diagnostics, drift, effective, steps, tau)
     acceptance = {
         "independence": float(np.mean([pair[0].rate for pair in moves])),
         "differential evolution": float(np.mean([pair[1].rate for pair in moves])),
     }
     return Draws(
-        found.ess_bulk, found.ess_tail, found.rhat, ends[..., :size] + density.estimate.from_free,
-        ends[..., size:], _walkers_end_to_end(lp), names, acceptance,
+        diagnostics.ess_bulk, diagnostics.ess_tail, diagnostics.rhat,
+        ends[..., :size] + density.estimate.from_free, ends[..., size:],
+        _walkers_end_to_end(lp), names, acceptance,
         f"{100 * share:.0f} % independent proposals from the linearised posterior, the others differential "
         "evolution",
         steps - first, burning[0].walkers, not complaint, complaint,
@@ -237,9 +238,9 @@ def _drift(chains: np.ndarray) -> float:
 
 
 def _complaint(
-    names: tuple[str, ...], found: Convergence, drift: float, effective: int, steps: int, tau: float
+    names: tuple[str, ...], diagnostics: Convergence, drift: float, effective: int, steps: int, tau: float
 ) -> str:
-    ess, rhat = found.ess, found.rhat
+    ess, rhat = diagnostics.ess, diagnostics.rhat
     if np.nanmax(rhat) > LARGEST_RHAT:
         return f"R-hat of {names[int(np.nanargmax(rhat))]} is {np.nanmax(rhat):.3f}, above {LARGEST_RHAT}"
     if drift > LARGEST_RHAT:
