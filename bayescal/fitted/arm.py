@@ -282,9 +282,9 @@ def of_estimate(estimate: Estimate, covariance: np.ndarray, origin: Origin = Ori
 def of_basis(basis: Basis, origin: Origin = Origin()) -> FittedArm:
     """The arm of a fit with its stated uncertainty."""
     stated, model = basis.stated, basis.stated.plain.model
-    own = stated.plain.covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
+    covariance = stated.plain.covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
     return replace(
-        of_estimate(stated.plain, stated.limited, origin), unmodelled=Unmodelled.of(basis), solved=own
+        of_estimate(stated.plain, stated.limited, origin), unmodelled=Unmodelled.of(basis), solved=covariance
     )
 
 

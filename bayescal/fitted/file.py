@@ -212,6 +212,7 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
     parts = parts_of(record["without"], effects)
     widths = record.get("prior_widths", {})  # none of an earlier version
     options = FitOptions(parts, record["robust"], record["prior_width"], record["seed"], widths=widths)
+    solved = record.get("solver_covariance_si")
     return FittedArm(
         model,
         values,
@@ -222,7 +223,7 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         Origin(record["command"], options),
         Use.read(record, model.parameters),
         Unmodelled.read(record, len(values)),
-        None if (own := record.get("solver_covariance_si")) is None else _covariance(own, len(values)),
+        None if solved is None else _covariance(solved, len(values)),
     )
 
 

@@ -83,9 +83,9 @@ class Unmodelled:
         by_noise: dict[str, tuple[np.ndarray, float]] = {}
         for p in basis.propagated:
             if p.input.group in (NOISE, READINGS):  # of one estimated variance, by `scale`
-                own = to_arm @ p.by[stated.own]
+                slopes = to_arm @ p.by[stated.own]
                 before, _ = by_noise.get(p.input.scale, (0.0, 0.0))
-                by_noise[p.input.scale] = (before + own @ own.T, p.input.dof)
+                by_noise[p.input.scale] = (before + slopes @ slopes.T, p.input.dof)
         return cls(
             to_arm @ by,
             {name: stated.variances[name] for name in names},

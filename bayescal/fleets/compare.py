@@ -41,10 +41,11 @@ class Likelihood:
 
     def among(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Information (M, M) and score (M,) of other parameters: 0 of those that it does not have."""
-        own = [k for k, p in enumerate(self.parameters) if p.name in names]
-        at = [names.index(self.parameters[k].name) for k in own]
+        columns = [k for k, p in enumerate(self.parameters) if p.name in names]
+        index = [names.index(self.parameters[k].name) for k in columns]
         information, score = np.zeros((len(names), len(names))), np.zeros(len(names))
-        information[np.ix_(at, at)], score[at] = self.information[np.ix_(own, own)], self.score[own]
+        information[np.ix_(index, index)] = self.information[np.ix_(columns, columns)]
+        score[index] = self.score[columns]
         return information, score
 
 
@@ -80,17 +81,19 @@ def likelihood_of(record: Mapping[str, Any], model: Sequence[str]) -> Likelihood
         for e, f, m, s in zip(entries, factor, mean, sd, strict=True)
     ]  # fmt: skip
     effects = set(map(plain, model))
-    own = np.array([bool(family(p)) and p.effect in effects for p in used])
-    if not own.all():
-        across = information[np.ix_(own, ~own)] @ np.linalg.inv(
-            information[np.ix_(~own, ~own)] + np.eye(int(np.sum(~own)))
+    in_model = np.array([bool(family(p)) and p.effect in effects for p in used])
+    if not in_model.all():
+        across = information[np.ix_(in_model, ~in_model)] @ np.linalg.inv(
+            information[np.ix_(~in_model, ~in_model)] + np.eye(int(np.sum(~in_model)))
         )
-        score = score[own] - across @ score[~own]
-        information = information[np.ix_(own, own)] - across @ information[np.ix_(~own, own)]
+        score = score[in_model] - across @ score[~in_model]
+        information = (
+            information[np.ix_(in_model, in_model)] - across @ information[np.ix_(~in_model, in_model)]
+        )
     # the widths that data told are no part of the stated prior
     widths = record.get("prior_widths", {})
-    width = np.array([record["prior_width"] * widths.get(family(p), 1.0) for p in used])[own]
-    kept = [p for p, mine in zip(used, own, strict=True) if mine]
+    width = np.array([record["prior_width"] * widths.get(family(p), 1.0) for p in used])[in_model]
+    kept = [p for p, mine in zip(used, in_model, strict=True) if mine]
     parameters = tuple(replace(p, sd=p.sd / w) for p, w in zip(kept, width.tolist(), strict=True))
     information = 0.5 * (information + information.T)
     return Likelihood(parameters, information / np.outer(width, width), score / width)
@@ -182,8 +185,8 @@ def models_of(members: Sequence[Member]) -> tuple[Model, ...]:
 
 def _alike(group: Sequence[Member], member: Member) -> bool:
     """Whether common parameters have the nominal values and priors of a group."""
-    known = {p.name: p for m in group for p in m.likelihood.parameters}
-    pairs = [(known[p.name], p) for p in member.likelihood.parameters if p.name in known]
+    by_name = {p.name: p for m in group for p in m.likelihood.parameters}
+    pairs = [(by_name[p.name], p) for p in member.likelihood.parameters if p.name in by_name]
     values = np.array([[[p.nominal, p.centre, p.sd] for p in pair] for pair in pairs]).reshape(-1, 2, 3)
     return bool(np.allclose(values[:, 0], values[:, 1], rtol=SAME, atol=1e-9))
 
@@ -193,21 +196,21 @@ def _model(group: Sequence[Member]) -> Model:
     names = [p.name for p in parameters]
     arms = tuple(dict.fromkeys(m.arm for m in group))
     pairs = (len(group) - len(arms)) * len(names)
-    told: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    likelihoods: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     changed: list[Difference] = []
     for m in group:
         now = m.likelihood.among(names)
-        if m.arm not in told:
-            told[m.arm] = now
+        if m.arm not in likelihoods:
+            likelihoods[m.arm] = now
             continue
-        before = told[m.arm]
+        before = likelihoods[m.arm]
         covariance = np.linalg.inv(before[0] + np.eye(len(names)))
-        found = shifts(*now, covariance @ before[1], covariance, MOST)
-        here = _differences(found, m.arm, parameters, np.full(len(names), np.inf), pairs, m.session)
+        clearest = shifts(*now, covariance @ before[1], covariance, MOST)
+        here = _differences(clearest, m.arm, parameters, np.full(len(names), np.inf), pairs, m.session)
         changed += here
         # what was true before a change is not true any more
-        told[m.arm] = now if here[0].stated else (before[0] + now[0], before[1] + now[1])
-    every = Arms(np.array([told[a][0] for a in arms]), np.array([told[a][1] for a in arms]))
+        likelihoods[m.arm] = now if here[0].stated else (before[0] + now[0], before[1] + now[1])
+    every = Arms(np.array([likelihoods[a][0] for a in arms]), np.array([likelihoods[a][1] for a in arms]))
     if len(arms) < FEWEST:
         return Model(group[0].robot, tuple(group), parameters, arms, None, {}, (), tuple(changed), 0, pairs)
     learnt = learn(every)
@@ -215,8 +218,8 @@ def _model(group: Sequence[Member]) -> Model:
     unlike: list[Difference] = []
     comparisons = len(arms) * len(names)
     for k, (arm, of) in enumerate(zip(arms, others, strict=True)):
-        found = shifts(every.information[k], every.score[k], of.mean, np.diag(of.usual**2), MOST)
-        unlike += _differences(found, arm, parameters, np.maximum(of.dof, 1.0), comparisons)
+        clearest = shifts(every.information[k], every.score[k], of.mean, np.diag(of.usual**2), MOST)
+        unlike += _differences(clearest, arm, parameters, np.maximum(of.dof, 1.0), comparisons)
     odd = {d.arm for d in unlike if d.stated}
     learnt = widened(every, others, learnt, np.array([arm not in odd for arm in arms]))
     return Model(
@@ -226,12 +229,12 @@ def _model(group: Sequence[Member]) -> Model:
 
 
 def _differences(
-    found: Sequence[Shift], arm: str, parameters: Sequence[Parameter], dof: np.ndarray, count: int,
+    clearest: Sequence[Shift], arm: str, parameters: Sequence[Parameter], dof: np.ndarray, count: int,
     since: str = "",
 ) -> list[Difference]:  # fmt: skip
     """The first of some shifts, and those stated that follow it without a gap."""
     out: list[Difference] = []
-    for shift in found:
+    for shift in clearest:
         p = parameters[shift.index]
         tail = norm.sf if np.isinf(dof[shift.index]) else t(dof[shift.index]).sf
         chance = float(2.0 * tail(abs(shift.ratio)))

@@ -117,9 +117,9 @@ def learn(arms: Arms, start: Learnt | None = None) -> Learnt:
         weight = (NU + 1.0) / (NU + square / scale**2)
         if max(np.max(np.abs(mean - before[0])), np.max(np.abs(np.log(scale / before[1])))) < STEP:
             break
-    told = _told(covariance, weight / scale**2)
-    u = np.sqrt(np.diag(np.linalg.inv(np.eye(count) / COMMON + np.sum(told, axis=0))))
-    share = np.diagonal(told, axis1=1, axis2=2) * scale**2 / weight
+    information = _information(covariance, weight / scale**2)
+    u = np.sqrt(np.diag(np.linalg.inv(np.eye(count) / COMMON + np.sum(information, axis=0))))
+    share = np.diagonal(information, axis1=1, axis2=2) * scale**2 / weight
     spread = np.sqrt(np.sum(square, axis=0) / (arms.count - 1))
     return Learnt(mean, u, NORMAL * scale, np.sum(share**2, axis=0), spread)
 
@@ -136,7 +136,7 @@ def _scale(square: np.ndarray, count: int) -> np.ndarray:
     return np.exp(log)
 
 
-def _told(covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
+def _information(covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """Information (..., K, K) of the data on the mean of the prior: (L^-1 + T)^-1."""
     across = precision[..., :, None] * covariance * precision[..., None, :]
     return np.einsum("...k,kl->...kl", precision, np.eye(precision.shape[-1])) - across
@@ -145,9 +145,9 @@ def _told(covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
 def log_score(information: np.ndarray, score: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> float:
     """Log density, nats, of the data of an arm under a normal prior, less a constant of the arm."""
     precision = 1.0 / sd**2
-    at, covariance = posterior(information, score, mean, precision)
+    posterior_mean, covariance = posterior(information, score, mean, precision)
     volume = np.linalg.slogdet(covariance * precision)[1]
-    return float(0.5 * (volume + at @ (score + precision * mean) - np.sum(precision * mean**2)))
+    return float(0.5 * (volume + posterior_mean @ (score + precision * mean) - np.sum(precision * mean**2)))
 
 
 def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], np.ndarray]:
@@ -167,7 +167,7 @@ def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], np.ndarray]:
         Log density, nats, of each arm under the distribution of the others, less that under the stated prior.
     """
     groups = np.array_split(np.arange(arms.count), min(arms.count, MOST_GROUPS))
-    others = [of for own in groups for of in [learn(arms.without(own.tolist()), every)] * len(own)]
+    others = [of for group in groups for of in [learn(arms.without(group.tolist()), every)] * len(group)]
     stated = np.zeros(arms.score.shape[1])
     gains = [
         log_score(i, s, of.mean, of.sd) - log_score(i, s, stated, stated + 1.0)

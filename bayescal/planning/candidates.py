@@ -210,8 +210,8 @@ def candidates(
     missing = _unlocated(setup, searches) if validation else []
     for tool in sorted({min(s.hands) for s in missing}):
         of_tool = [s for s in missing if min(s.hands) == tool]
-        found = located(setup, of_tool, tool, of_tool[0].hands[tool], rng)
-        for s, reached in zip(of_tool, found, strict=True):
+        contacts = located(setup, of_tool, tool, of_tool[0].hands[tool], rng)
+        for s, reached in zip(of_tool, contacts, strict=True):
             parts.append(("validate", s, np.full(len(reached), tool), reached))
             if not len(reached):
                 warnings.append(_few(setup, s, EACH))

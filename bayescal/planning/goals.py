@@ -162,7 +162,7 @@ def _centre(linear: Linearised, target: int) -> tuple[np.ndarray, np.ndarray, np
 
 def _between(over: str, linear: Linearised, readings: np.ndarray, note: str = "") -> Goal | None:
     """Distances between the TCP positions at some readings (N, n), rad; None if all are at one position."""
-    model = _at(linear.model, readings)
+    model = _with_readings(linear.model, readings)
     motion = model.motion(len(model.scene.q) - len(readings) + np.arange(len(readings)))
     values = model.deviations(linear.z[linear.model.slices[ARM]])
     positions = motion.points(values)
@@ -175,7 +175,7 @@ def _between(over: str, linear: Linearised, readings: np.ndarray, note: str = ""
     return Goal(over, by, none, none, note, readings, pairs)
 
 
-def _at(model: Model, readings: np.ndarray) -> Model:
+def _with_readings(model: Model, readings: np.ndarray) -> Model:
     """The model of the session with rows at some readings (N, n), rad, appended: at rest, without payload.
 
     All other columns are those of the first row to calibrate, so that a drift is the same in all of them.

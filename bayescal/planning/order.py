@@ -160,8 +160,8 @@ def _stations(m: Measurements, label: np.ndarray, some: np.ndarray) -> list[np.n
     stays = some[label[some] == ""]
     by_target = some[np.argsort(m.target[some], kind="stable")]
     names = [str(name) for name in dict.fromkeys(label[by_target]) if name]
-    own = [some[label[some] == name] for name in names]
-    parts = [np.concatenate([part, stays[k :: len(names)]]) for k, part in enumerate(own)]
+    by_placement = [some[label[some] == name] for name in names]
+    parts = [np.concatenate([part, stays[k :: len(names)]]) for k, part in enumerate(by_placement)]
     out = []
     for k, part in enumerate(parts or [stays]):
         by_tool = [part[m.tool[part] == tool] for tool in np.unique(m.tool[part])]

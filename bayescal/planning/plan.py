@@ -278,9 +278,9 @@ def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
     record = read_record(path, SCHEMA, AGAIN)
     check_unchanged(path.parent, (path.name,))
     of = record.get("dataset")
-    own = dataset.folder.resolve() == (path.parent / COPY).resolve()  # rewritten: it has another hash
-    check_unchanged(path.parent, (COPY,) if own else ())
-    if not isinstance(of, dict) or not (own or of.get("sha256") == dataset.sha256):
+    is_copy = dataset.folder.resolve() == (path.parent / COPY).resolve()  # rewritten: it has another hash
+    check_unchanged(path.parent, (COPY,) if is_copy else ())
+    if not isinstance(of, dict) or not (is_copy or of.get("sha256") == dataset.sha256):
         what = f"it is no diagnosis of the present files of {dataset.name}"
         raise BayescalError(what, str(path), "repeat bayescal gap of this dataset")
     return continued(record, str(path))

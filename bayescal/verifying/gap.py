@@ -243,4 +243,4 @@ def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np
     machine = Machine.of(arm, state, file)
     if file.of_user or not any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
         return machine.replayed(rows)[1]
-    return np.concatenate([machine.at(int(row)).replayed(rows[[k]])[1] for k, row in enumerate(rows)])
+    return np.concatenate([machine.at_row(int(row)).replayed(rows[[k]])[1] for k, row in enumerate(rows)])

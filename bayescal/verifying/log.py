@@ -208,8 +208,8 @@ def replay_gap(gap: MotionGap) -> MotionGap:
 def nominal_arm(log: Log) -> Arm:
     """The nominal arm, with zero for what its mechanism does not state."""
     late, m = log.alignment if log.torque_kind == SERVO else 0.0, log.mechanism
-    known = {key: np.nan_to_num(getattr(m, key)) for key in ("armature", "coulomb", "viscous")}
-    return Arm(text_of(replace(m, **known), "mjcf", log.gravity), late=late)
+    values = {key: np.nan_to_num(getattr(m, key)) for key in ("armature", "coulomb", "viscous")}
+    return Arm(text_of(replace(m, **values), "mjcf", log.gravity), late=late)
 
 
 def arm_in_file(arm: NamedArm, text: str = "") -> Arm:
@@ -284,7 +284,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
 
     offset, gain = each("offset"), 1.0 + each("constant")
     gravity, start = np.array(record["gravity_mps2"]), at_nominal(log, np.ones(log.n))
-    at = replace(start, shift=np.full(log.n, 1e-3 * record["torque_shift_ms"]))
+    aligned = replace(start, shift=np.full(log.n, 1e-3 * record["torque_shift_ms"]))
     before: list[np.ndarray] = []
     after: list[np.ndarray] = []
     differences: list[np.ndarray] = []
@@ -296,7 +296,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         slow = np.abs(s.unfiltered(s.dq)) < SLIDING
         for errors, arm, shown, by in (
             (before, nominal, start.measured(s), s.rigid),
-            (after, model, (at.measured(s) - offset) / gain, tilted),
+            (after, model, (aligned.measured(s) - offset) / gain, tilted),
         ):
             off = s.unfiltered(shown - inverse(simulator, arm, s) - np.sum(by[:, :, -1] * load, axis=2))
             errors.append(np.where(slow, np.nan, off))

@@ -264,7 +264,7 @@ class Machine:
         law = law_of(content)
         return cls(arm, file, Simulator(file, law.nominal), law, loads(content))
 
-    def at(self, row: int) -> Machine:
+    def at_row(self, row: int) -> Machine:
         """The machine in the state of another row, to which the bodies of a new file are brought."""
         content = Content(self.arm, row)
         law = law_of(content)

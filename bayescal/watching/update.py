@@ -140,39 +140,39 @@ def _model(before: Model, scene: Scene, asked: tuple[str, ...], options: FitOpti
 
     The form of a face that a complete fit found uneven, and a part that it found rigid, are among the first.
     """
-    known = {p.name: p for p in before.parameters}
+    earlier = {p.name: p for p in before.parameters}
     added = {*map(plain, before.effects)} - {*map(plain, asked)}
     present = kept(parameters_of(before.effects, scene.circumstances()), options.without)
     parameters = [
-        replace(known[p.name], terms=p.terms) if p.name in known else options.wider(p)
+        replace(earlier[p.name], terms=p.terms) if p.name in earlier else options.wider(p)
         for p in present
-        if p.name in known or p.effect not in added
+        if p.name in earlier or p.effect not in added
     ]
     return with_parameters(scene, before.effects, tuple(parameters))
 
 
 def _start(model: Model, of: Estimate) -> np.ndarray:
-    known = dict(zip(of.model.names, of.z.tolist(), strict=True))
-    return np.array([known.get(name, 0.0) for name in model.names])
+    values = dict(zip(of.model.names, of.z.tolist(), strict=True))
+    return np.array([values.get(name, 0.0) for name in model.names])
 
 
-def _stance(found: Estimate, later: Scene) -> Stance:
+def _stance(fitted: Estimate, later: Scene) -> Stance:
     """Where the fitted arm stands in further rows."""
-    effects, c = found.model.effects, later.circumstances(np.arange(len(later.q)))
+    effects, c = fitted.model.effects, later.circumstances(np.arange(len(later.q)))
     named = {p.name: p for p in parameters_of(possible(effects, c), c, lenient=True)}
-    terms = ((p, named[p.name].terms if p.name in named else ()) for p in found.model.parameters)
+    terms = ((p, named[p.name].terms if p.name in named else ()) for p in fitted.model.parameters)
     model = Model(later, effects, tuple(replace(p, terms=t) for p, t in terms), (), ())
-    stance = standing(model, by_name(model, found.arm, found.model)).stance
+    stance = standing(model, by_name(model, fitted.arm, fitted.model)).stance
     assert stance is not None
     return stance
 
 
-def judged(found: Estimate, row: int, wider: float = 1.0) -> tuple[float, float, float]:
+def judged(fitted: Estimate, row: int, wider: float = 1.0) -> tuple[float, float, float]:
     """What all other rows say of a fitted one.
 
     Parameters
     ----------
-    found : Estimate
+    fitted : Estimate
     row : int
         Of the session.
     wider : float
@@ -185,31 +185,31 @@ def judged(found: Estimate, row: int, wider: float = 1.0) -> tuple[float, float,
         an instrument reads are not judged.
     p_value : float
     """
-    block = next((b for b in length_blocks(found.model) if row in b.rows), None)
-    if block is None or row in found.rejected:
+    block = next((b for b in length_blocks(fitted.model) if row in b.rows), None)
+    if block is None or row in fitted.rejected:
         return nan, nan, nan
     mine = np.flatnonzero(np.tile(block.rows, block.kind.rows) == row)
-    at, whiten = found.linear.of_block[block.name].start + mine, found.weights.whitening(block)[mine]
-    r, by = found.linear.residual[at], found.linear.jacobian[at]
-    left, axes = np.linalg.eigh(np.eye(len(at)) - by @ found.covariance @ by.T)
-    left = np.maximum(left, np.finfo(float).eps)
+    index, whiten = fitted.linear.of_block[block.name].start + mine, fitted.weights.whitening(block)[mine]
+    r, by = fitted.linear.residual[index], fitted.linear.jacobian[index]
+    redundancy, axes = np.linalg.eigh(np.eye(len(index)) - by @ fitted.covariance @ by.T)
+    redundancy = np.maximum(redundancy, np.finfo(float).eps)
     across = axes.T @ r
-    ahead, variance = across / left, 1.0 + wider**2 * (1.0 - left) / left
+    ahead, variance = across / redundancy, 1.0 + wider**2 * (1.0 - redundancy) / redundancy
     # of all others: the noise, estimated from their residuals and the worth of the stated one
-    dof = max(found.dof[block.group] + STATED_WORTH - len(at), 1.0)
-    others = max(found.dof[block.group] + STATED_WORTH - float(np.sum(across * ahead)), 0.1)
-    p = float(f_sf(np.sum(ahead**2 / variance) / len(at) * dof / others, len(at), dof))
+    dof = max(fitted.dof[block.group] + STATED_WORTH - len(index), 1.0)
+    others = max(fitted.dof[block.group] + STATED_WORTH - float(np.sum(across * ahead)), 0.1)
+    p = float(f_sf(np.sum(ahead**2 / variance) / len(index) * dof / others, len(index), dof))
     residual, sd = axes @ ahead / whiten, np.sqrt(axes**2 @ variance) / whiten
-    if len(at) == 1:
+    if len(index) == 1:
         return float(residual[0]), float(sd[0]), p
     return float(np.linalg.norm(residual)), float(np.sqrt(np.mean(sd**2))), p
 
 
-def distance_u(found: Estimate) -> float:
+def distance_u(fitted: Estimate) -> float:
     """Standard uncertainty, m, of a distance in the probed workspace, by the noise and the priors alone."""
-    model, space = found.model, workspace(found)
+    model, space = fitted.model, workspace(fitted)
     if not model.parameters or not len(space.pairs):
         return inf
     arm = model.slices[ARM]
     by = slopes(model, space.motion, space.values, space.pairs)
-    return float(np.sqrt(np.mean(np.sum(by @ found.covariance[arm, arm] * by, axis=1))))
+    return float(np.sqrt(np.mean(np.sum(by @ fitted.covariance[arm, arm] * by, axis=1))))

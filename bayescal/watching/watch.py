@@ -210,7 +210,7 @@ class Watch:
         self.odd: set[int] = set()
         self.estimate: Estimate | None = None
         self.last: Complete | None = None
-        self._told: Mapping[str, str] = {}
+        self._last_text: Mapping[str, str] = {}
         self._u_then = nan
 
     @property
@@ -242,15 +242,15 @@ class Watch:
         """New contacts, judged by all others; odd ones are set aside, the most improbable first."""
         assert self.estimate is not None
         assert self.last is not None
-        wider, left = max(self.last.distance.u / self._u_then, 1.0), list(new)
-        while left:
-            found = []
-            for c in left:
+        wider, remaining = max(self.last.distance.u / self._u_then, 1.0), list(new)
+        while remaining:
+            judged = []
+            for c in remaining:
                 residual, u, p = update.judged(self.estimate, c.row, wider)
-                found.append(replace(c, residual=residual, u=u, p_value=p))
-            worst = min(found, key=lambda c: c.p_value if c.odd else 1.0)
-            left = [c for c in left if worst.odd and c.row != worst.row]
-            for c in [worst] if worst.odd else found:
+                judged.append(replace(c, residual=residual, u=u, p_value=p))
+            worst = min(judged, key=lambda c: c.p_value if c.odd else 1.0)
+            remaining = [c for c in remaining if worst.odd and c.row != worst.row]
+            for c in [worst] if worst.odd else judged:
                 self.contacts[c.row] = c
             if worst.odd:
                 self.odd.add(worst.row)
@@ -265,20 +265,20 @@ class Watch:
         """Whether several of the last contacts are odd, and what they have in common."""
         some = [c for c in self.contacts[-RECENT:] if c.odd]
         if len(some) < SEVERAL:
-            self._told = {**self._told, SHIFTED: ""}
+            self._last_text = {**self._last_text, SHIFTED: ""}
             return
         names = sorted({c.target for c in some})
         where = f"all on {names[0]}: it" if len(names) == 1 else "on several targets: tool, base or a joint"
         first = next(c.id for c in some)
-        if not self._told.get(SHIFTED):
+        if not self._last_text.get(SHIFTED):
             text = f"{len(some)} of the last {RECENT} contacts are odd, from {first}, {where} may"
             yield from self._tell(SHIFTED, f"{text} have shifted")
 
     def _tell(self, kind: str, text: str) -> Iterator[Notice]:
         """A notice, unless it was the last of its kind."""
-        if text and self._told.get(kind) != text:
+        if text and self._last_text.get(kind) != text:
             yield Notice(kind, text)
-        self._told = {**self._told, kind: text}
+        self._last_text = {**self._last_text, kind: text}
 
     @property
     def _options(self) -> FitOptions:
@@ -291,16 +291,16 @@ class Watch:
         try:
             dataset = read.read_dataset(self.folder, rows=self.written.content)
             self.effects = self.options.effects or usual_model(dataset)
-            found = fit(dataset, self.effects, self.options.fit, samples=0)
+            calibration = fit(dataset, self.effects, self.options.fit, samples=0)
         except BayescalError as error:
             yield from self._tell(WAITING, str(error))
             return
         self.written = replace(self.written, dataset=dataset)
-        level = found.final.estimate
+        level = calibration.final.estimate
         moved = nan if self.estimate is None else _apart(self.estimate, level)
-        spots = attempted("what the contacts would show", lambda: _spots(found), (), [])
+        spots = attempted("what the contacts would show", lambda: _spots(calibration), (), [])
         self.odd = set(level.rejected.tolist())
-        self.last = Complete(found, spots, moved, time.perf_counter() - begin)
+        self.last = Complete(calibration, spots, moved, time.perf_counter() - begin)
         self.estimate = update.begun(level, self.effects, self._options)
         self._u_then = update.distance_u(self.estimate)
         yield self.last
@@ -348,18 +348,18 @@ def watched(
         wait(POLL)
 
 
-def _apart(found: Estimate, complete: Estimate) -> float:
+def _apart(estimate: Estimate, complete: Estimate) -> float:
     """Largest difference of a parameter of the arm, in the standard uncertainties of the second."""
-    first = dict(zip(found.model.names, found.z.tolist(), strict=True))
+    first = dict(zip(estimate.model.names, estimate.z.tolist(), strict=True))
     z = complete.z - [first.get(name, 0.0) for name in complete.model.names]
     return float(max(abs(z / complete.sd)[: len(complete.model.parameters)], default=nan))
 
 
-def _spots(found: Fit) -> tuple[BlindSpot, ...]:
+def _spots(calibration: Fit) -> tuple[BlindSpot, ...]:
     """What the contacts of a fit would show of every effect that it lacks."""
-    fitted, effects = found.final.estimate, found.final.effects
+    fitted, effects = calibration.final.estimate, calibration.final.effects
     scene = fitted.model.scene
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
-    known = unscreened(c, effects, found.options.without)
-    p = problem(fitted, known.pool, tuple(masses(c)) if scene.moments is not None else ())
-    return blind_spots(fitted, known, fit_state(p, (), ()))
+    candidates = unscreened(c, effects, calibration.options.without)
+    p = problem(fitted, candidates.pool, tuple(masses(c)) if scene.moments is not None else ())
+    return blind_spots(fitted, candidates, fit_state(p, (), ()))

@@ -23,7 +23,7 @@ from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import Possible, candidates, session_of
-from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certified, goals
+from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _with_readings, certified, goals
 from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
 from bayescal.planning.setup import continued, read_setup
@@ -422,7 +422,7 @@ def test_distances_of_the_region_follow_from_the_tool_points():
     goal = goals(pool(), found)[1]
     assert goal.over == REGION
     rows = pool().candidates[np.linspace(0, 599, 40).astype(int)]
-    model = _at(found.model, pool().session.measurements.readings[rows])
+    model = _with_readings(found.model, pool().session.measurements.readings[rows])
     motion = model.motion(len(model.scene.q) - 40 + np.arange(40))
     rng = np.random.default_rng(0)
     z = 0.01 * rng.standard_normal(len(model.parameters))
@@ -440,7 +440,7 @@ def test_goals_of_a_pool():
     d = pool().session
     m = d.measurements
     loaded = with_columns(d, payload=np.full(len(m.ids), 2.0), velocity=np.full(m.readings.shape, 0.1))
-    rows = _at(linearised(pool_of(loaded), MODEL).model, m.readings[:5]).scene.dataset.measurements
+    rows = _with_readings(linearised(pool_of(loaded), MODEL).model, m.readings[:5]).scene.dataset.measurements
     assert not rows.payload[-5:].any()
     assert not rows.velocity[-5:].any()
     # fitted spheres are no goal where the fit uses the distance
