@@ -132,7 +132,7 @@ class _Figure:
 
 
 def acceptance(
-    left: Unexplained,
+    unexplained: Unexplained,
     checked: Validation,
     causes: Sequence[SharedCause] = (),
     rejected: float = 0.0,
@@ -142,7 +142,7 @@ def acceptance(
 
     Parameters
     ----------
-    left : Unexplained
+    unexplained : Unexplained
         What the fit leaves.
     checked : Validation
         Of the same fit, predicted without any widening by its own errors.
@@ -153,7 +153,7 @@ def acceptance(
     dataset : Dataset, optional
         The session, whose contacts are tested for readings of a plan.
     """
-    figures = [_noise(left), *_validation(checked, None if causes else rejected)]
+    figures = [_noise(unexplained), *_validation(checked, None if causes else rejected)]
     level = LEVEL / len(figures)
     checks = [Check(f.test, f.value, f.limit(level), f.p_value, level, f.words) for f in figures]
     checks += [
@@ -164,27 +164,28 @@ def acceptance(
         words = unmade.words(dataset)
         checks.insert(0, Check(PLANNED, len(unmade.rows), 0.0, unmade.chance, CHANCE, words))
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
-    doubts = tuple(d for d in _doubts(left, checked, None if causes else rejected) if not d.passed)
+    doubts = tuple(d for d in _doubts(unexplained, checked, None if causes else rejected) if not d.passed)
     return Acceptance(tuple(checks), tuple(causes), validated, rejected, doubts=doubts)
 
 
-def _doubts(left: Unexplained, checked: Validation, rejected: float | None) -> Iterator[Check]:
+def _doubts(unexplained: Unexplained, checked: Validation, rejected: float | None) -> Iterator[Check]:
     """Tests beyond those of a correct model: the stated noise at its word, and every target alone.
 
     Half of the level is that of the noise, half that of all targets.
     """
-    if left.repeats is None:
-        ratio, limit = left.fitted / left.stated, KNOWN * np.sqrt(chi2_isf(LEVEL / 2, left.dof) / left.dof)
-        p = float(chi2_sf(left.dof * (ratio / KNOWN) ** 2, left.dof))
-        yield Check("noise", ratio, float(limit), p, LEVEL / 2, left.words)
+    if unexplained.repeats is None:
+        ratio, dof = unexplained.fitted / unexplained.stated, unexplained.dof
+        limit = KNOWN * np.sqrt(chi2_isf(LEVEL / 2, dof) / dof)
+        p = float(chi2_sf(dof * (ratio / KNOWN) ** 2, dof))
+        yield Check("noise", ratio, float(limit), p, LEVEL / 2, unexplained.words)
     empty = replace(checked, planes=(), points=(), turns=())
     alone = [(p, replace(empty, planes=(p,))) for p in checked.planes]
     alone += [(p, replace(empty, points=(p,))) for p in checked.points]
     for part, of_target in alone if len(alone) > 1 else ():
         for test, r, predicted in _sets(of_target, rejected):
-            found = _chi_square("target", f"{test} on {part.target}", r, predicted, 1e6, "µm")
+            figure = _chi_square("target", f"{test} on {part.target}", r, predicted, 1e6, "µm")
             level = LEVEL / 2 / len(alone)
-            yield Check(found.test, found.value, found.limit(level), found.p_value, level, found.words)
+            yield Check(figure.test, figure.value, figure.limit(level), figure.p_value, level, figure.words)
 
 
 def anew(scatter: Scatter | None, complete: Estimate) -> Check | None:
@@ -219,18 +220,18 @@ def discrepancy(wide: Stated) -> tuple[Check, ...]:
     return (Check("discrepancy", float(-ndtri(p)), float(-ndtri(VARIED / count)), p, VARIED / count, words),)
 
 
-def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Check, ...]:
+def not_physical(fitted: Estimate, covariance: np.ndarray) -> tuple[Check, ...]:
     """The test of positive parameters below zero, by the stated covariance (D, D), where it fails."""
-    model, count = found.model, len(found.model.parameters)
+    model, count = fitted.model, len(fitted.model.parameters)
     sd = np.sqrt(np.diag(covariance)[:count]) * model.sd
-    below = sorted(negative(model.parameters, found.arm, sd), key=lambda n: n.value / n.u)
+    below = sorted(negative(model.parameters, fitted.arm, sd), key=lambda n: n.value / n.u)
     if clear := [n for n in below if n.significant]:
         value, limit = -clear[0].value / clear[0].u, clear[0].limit
         p, level = float(ndtr(-value)), float(ndtr(-limit))
         how = f"negative by more than {limit:.2g} u, which is not physical"
     else:
         clear, level = below, RIGID
-        of_all = square(found, covariance, [n.parameter for n in below])
+        of_all = square(fitted, covariance, [n.parameter for n in below])
         p = float(chi2_sf(of_all, len(below))) if len(below) > 1 else 1.0
         if p >= level:
             return ()
@@ -240,7 +241,7 @@ def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Check, ...]:
     return (Check(NOT_PHYSICAL, value, limit, p, level, f"{how}: {what}; {CAUSE}"),)
 
 
-def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:
+def widened(unexplained: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:
     """What is unexplained, m a coordinate, with what validation measurements show beyond their prediction.
 
     Of a test that failed, the mean square error beyond the predicted one; half of it for distances, which
@@ -254,11 +255,12 @@ def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexpl
     if failed & {"validation_distances", "mean_distance_error"}:
         error, predicted = _errors(checked.distances)
         beyond.append(0.5 * float(np.mean(error**2) - np.mean(np.var(predicted, axis=0))))
-    return replace(left, excess=float(np.sqrt(left.excess**2 + max(beyond))))
+    return replace(unexplained, excess=float(np.sqrt(unexplained.excess**2 + max(beyond))))
 
 
-def _noise(left: Unexplained) -> _Figure:
-    return _Figure("residuals", left.fitted / left.floor, left.p_value, left.limit, left.words)
+def _noise(unexplained: Unexplained) -> _Figure:
+    ratio = unexplained.fitted / unexplained.floor
+    return _Figure("residuals", ratio, unexplained.p_value, unexplained.limit, unexplained.words)
 
 
 def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure]:

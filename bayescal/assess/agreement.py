@@ -82,19 +82,19 @@ def agreement(together: Estimate, effects: tuple[str, ...], options: FitOptions 
     refused: dict[str, str] = {}
     for session in together.model.scene.dataset.sessions:
         try:
-            found = calibrated(Scene(session), _possible(session, effects), options)
-            fits[session.name] = stated(found)
+            fit = calibrated(Scene(session), _possible(session, effects), options)
+            fits[session.name] = stated(fit)
         except BayescalError as error:
             refused[session.name] = error.what
-    plain = [together, *(found.plain for found in fits.values())]
-    arms = [{p.name for p in found.model.parameters} for found in plain]
+    plain = [together, *(fit.plain for fit in fits.values())]
+    arms = [{p.name for p in fit.model.parameters} for fit in plain]
     shared = [p for p in together.model.parameters if all(p.name in arm for arm in arms)]
     names = tuple(p.name for p in shared)
     return Agreement(
         names,
         tuple(p.unit for p in shared),
         _said(stated(together), names),
-        {name: _said(found, names) for name, found in fits.items()},
+        {name: _said(fit, names) for name, fit in fits.items()},
         tuple(pair(pick, (fits[pick[0]], fits[pick[1]]), names) for pick in combinations(fits, 2)),
         refused,
     )
@@ -102,10 +102,10 @@ def agreement(together: Estimate, effects: tuple[str, ...], options: FitOptions 
 
 def pair(sessions: tuple[str, str], fits: tuple[Stated, Stated], names: tuple[str, ...]) -> Pair:
     """Compare two estimates of the same parameters."""
-    picks = [_index(found.plain, names) for found in fits]
-    z = [found.plain.z[k] for found, k in zip(fits, picks, strict=True)]
-    c = [found.plain.covariance[np.ix_(k, k)] for found, k in zip(fits, picks, strict=True)]
-    wider = [found.covariance[np.ix_(k, k)] - own for found, k, own in zip(fits, picks, c, strict=True)]
+    picks = [_index(fit.plain, names) for fit in fits]
+    z = [fit.plain.z[k] for fit, k in zip(fits, picks, strict=True)]
+    c = [fit.plain.covariance[np.ix_(k, k)] for fit, k in zip(fits, picks, strict=True)]
+    wider = [fit.covariance[np.ix_(k, k)] - solved for fit, k, solved in zip(fits, picks, c, strict=True)]
     difference, spread = z[1] - z[0], difference_covariance(*c) + sum(wider) + shared_masses(fits, picks)
     # where a session says next to nothing, a difference is one of rounding
     directions = known_directions(*c)
@@ -122,20 +122,20 @@ def shared_masses(fits: tuple[Stated, Stated], picks: Sequence[np.ndarray]) -> n
     `picks` are the places of the parameters among the unknowns of each. Shared errors cancel as far as they
     change the parameters of both alike.
     """
-    slopes = [found.inputs.slopes[k] for found, k in zip(fits, picks, strict=True)]
+    slopes = [fit.inputs.slopes[k] for fit, k in zip(fits, picks, strict=True)]
     if not _same_masses(*fits):
         return np.zeros((len(slopes[0]), len(slopes[0])))
-    own = [by @ found.inputs.mixing for found, by in zip(fits, slopes, strict=True)]
+    separate = [by @ fit.inputs.mixing for fit, by in zip(fits, slopes, strict=True)]
     common = (slopes[1] - slopes[0]) @ fits[0].inputs.together(fits[1].inputs).mixing
-    out: np.ndarray = common @ common.T - sum(by @ by.T for by in own)
+    out: np.ndarray = common @ common.T - sum(by @ by.T for by in separate)
     return out
 
 
 def _same_masses(one: Stated, other: Stated) -> bool:
     """Whether the masses of two sessions, stated for the same links and tools, have the same errors."""
 
-    def loads(found: Stated) -> list[tuple[float, ...]]:
-        tools = found.plain.model.scene.dataset.tools
+    def loads(fit: Stated) -> list[tuple[float, ...]]:
+        tools = fit.plain.model.scene.dataset.tools
         return [(t.mass, *(t.centre if t.centre_of_mass is None else t.centre_of_mass)) for t in tools]
 
     return one.inputs.names == other.inputs.names and loads(one) == loads(other)
@@ -164,12 +164,12 @@ def _possible(session: Dataset, effects: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(e for e in effects if not MODELS[plain(e)].missing(circumstances))
 
 
-def _index(found: Estimate, names: tuple[str, ...]) -> np.ndarray:
-    at = {p.name: k for k, p in enumerate(found.model.parameters)}
-    return np.array([at[name] for name in names], int)
+def _index(fitted: Estimate, names: tuple[str, ...]) -> np.ndarray:
+    index = {p.name: k for k, p in enumerate(fitted.model.parameters)}
+    return np.array([index[name] for name in names], int)
 
 
-def _said(found: Stated, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _said(fit: Stated, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Values and standard deviations (P,) of parameters, SI."""
-    index, model = _index(found.plain, names), found.plain.model
-    return model.physical(found.plain.z)[index], found.sd[index] * model.sd[index]
+    index, model = _index(fit.plain, names), fit.plain.model
+    return model.physical(fit.plain.z)[index], fit.sd[index] * model.sd[index]

@@ -80,7 +80,7 @@ class Budget:
         for c in self.components:
             key = (c.input.scale or c.input.name, c.input.dof)
             square[key] = square.get(key, 0.0) + c.contribution**2
-        below = sum(own**2 / dof for (_, dof), own in square.items())
+        below = sum(variance**2 / dof for (_, dof), variance in square.items())
         return self.u**4 / below if below > 0 else inf
 
     @cached_property
@@ -115,17 +115,17 @@ class Budget:
 
 def budget(basis: Basis, measurand: Measurand) -> Budget:
     """The uncertainty budget of a measurand."""
-    found: list[Component] = []
+    components: list[Component] = []
     total = np.zeros(len(measurand.by_z))
     matrix = np.zeros((len(total), len(total))) if not measurand.any_of else None
     of_fit = ((p.input, measurand.by_z, p.by, p.targets) for p in basis.propagated)
-    own = ((one, None, by, None) for one, by in measurand.own)
+    of_measurand = ((one, None, by, None) for one, by in measurand.errors)
     columns = max(MOST_VALUES // max(len(total), 1), 1)
-    for source, left, right, targets in (*of_fit, *own):
-        variances, square = np.zeros(len(total)), np.zeros(right.shape[1])  # by value, by unit error
-        for start in range(0, right.shape[1], columns):
+    for source, slopes, changes, targets in (*of_fit, *of_measurand):
+        variances, square = np.zeros(len(total)), np.zeros(changes.shape[1])  # by value, by unit error
+        for start in range(0, changes.shape[1], columns):
             part = slice(start, start + columns)
-            by = right[:, part] if left is None else left @ right[:, part]
+            by = changes[:, part] if slopes is None else slopes @ changes[:, part]
             variances += np.sum(by**2, axis=1)
             square[part] = np.sum(by**2, axis=0)
             if matrix is not None:
@@ -135,9 +135,9 @@ def budget(basis: Basis, measurand: Measurand) -> Budget:
         signed = float(by[0, 0]) if len(total) == len(square) == 1 else contribution
         sensitivity = signed / source.u if source.u else None
         parts = _parts(measurand.weight * square, targets)
-        found.append(Component(source, contribution, sensitivity, parts))
+        components.append(Component(source, contribution, sensitivity, parts))
     spread = np.sqrt(total if matrix is None else np.maximum(np.linalg.eigvalsh(matrix), 0.0))
-    return Budget(measurand, tuple(_ordered(found)), spread, correlations(basis))
+    return Budget(measurand, tuple(_ordered(components)), spread, correlations(basis))
 
 
 def _parts(square: np.ndarray, targets: np.ndarray | None) -> tuple[tuple[str, float], ...]:
@@ -149,12 +149,12 @@ def _parts(square: np.ndarray, targets: np.ndarray | None) -> tuple[tuple[str, f
     return tuple(sorted(parts, key=lambda part: -part[1]))
 
 
-def _ordered(found: list[Component]) -> list[Component]:
+def _ordered(components: list[Component]) -> list[Component]:
     """Components in the order of their groups, the largest first; small stated values of a kind as one."""
-    limit = LISTED * sum(c.contribution**2 for c in found)
+    limit = LISTED * sum(c.contribution**2 for c in components)
     kept: list[Component] = []
     small: dict[str, list[Component]] = {}
-    for c in found:
+    for c in components:
         stated = c.input.group in (PRIOR, PROBING) and c.input.evaluation == "B" and c.input.common
         if stated and c.contribution**2 < limit:
             small.setdefault(c.input.common, []).append(c)

@@ -216,7 +216,7 @@ def _by_pose(basis: Basis, r: RowPrediction) -> _Poses:
     pose = poses(basis.stated.wide.model.scene.dataset.measurements, r.block.rows)
     error = r.in_rows  # (k, C)
     size = np.bincount(pose)
-    mean = np.stack([np.bincount(pose, own) for own in error], axis=1) / size[:, None]
+    mean = np.stack([np.bincount(pose, component) for component in error], axis=1) / size[:, None]
     away = np.linalg.norm(error - mean[pose].T, axis=0)
     scatter = tuple(np.split(away[np.argsort(pose, kind="stable")], np.cumsum(size)[:-1]))
     return _Poses(mean, pose, scatter)
@@ -226,9 +226,9 @@ def _variance(basis: Basis, r: RowPrediction, by: np.ndarray) -> float:
     """Variance, m2, of a combination `by` (R,) of residuals: their noise, and the location of the target."""
     if r.target is None:
         plain = basis.stated.plain
-        own = plain.linear.jacobian[:, plain.model.slices[r.block.target]]
+        jacobian = plain.linear.jacobian[:, plain.model.slices[r.block.target]]
         moved = by @ r.by_z[:, basis.stated.wide.model.slices[r.block.target]]
-        at_known_arm = np.linalg.solve(own.T @ own + np.eye(own.shape[1]), moved)
+        at_known_arm = np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), moved)
         return float(np.sum((by * r.noise) ** 2) + moved @ at_known_arm)
     moved = by @ r.by_target
     if r.locates_target:
@@ -242,11 +242,12 @@ def _distance_accuracy(basis: Basis) -> Iterator[Figure]:
         return
     m = distances(basis, pairs, "")
     error = np.array(m.values)
-    own = [by for source, by in m.own if source.group != UNEXPLAINED]
+    changes = [by for source, by in m.errors if source.group != UNEXPLAINED]
     k = int(np.argmax(np.abs(error)))
     mean = np.sign(error) / len(error)
     u, u_max = (
-        float(np.sqrt(sum(np.sum((way @ by) ** 2) for by in own))) for way in (mean, np.eye(len(error))[k])
+        float(np.sqrt(sum(np.sum((way @ by) ** 2) for by in changes)))
+        for way in (mean, np.eye(len(error))[k])
     )
     size = np.abs(error)
     yield Figure(

@@ -53,39 +53,39 @@ class Reliability:
     shift: np.ndarray  # (N,) m: root mean square change of distances by it, over the workspace
 
 
-def reliability(found: Estimate) -> Reliability:
+def reliability(fitted: Estimate) -> Reliability:
     """The minimum detectable gross error of each measurement, and the change of distances that it causes.
 
     Linear in the error; orientations are not judged. Without parameters of the arm or distances all changes
     are 0.
     """
-    model, space, arm = found.model, workspace(found), found.model.slices[ARM]
+    model, space, arm = fitted.model, workspace(fitted), fitted.model.slices[ARM]
     mean = np.zeros((arm.stop - arm.start,) * 2)
     if model.parameters and len(space.pairs):
         by = slopes(model, space.motion, space.values, space.pairs)
         mean = by.T @ by / len(by)
     counts = {group: sum(len(b.rows) for b in blocks) for group, blocks in by_group(model).items()}
-    parts = [_of_block(found, b, mean, counts[b.group]) for b in length_blocks(model)]
+    parts = [_of_block(fitted, b, mean, counts[b.group]) for b in length_blocks(model)]
     rows, error, shift = np.concatenate([np.zeros((3, 0)), *parts], axis=1)
     return Reliability(rows.astype(int), error, shift)
 
 
-def _of_block(found: Estimate, block: Block, mean: np.ndarray, count: int) -> np.ndarray:
+def _of_block(fitted: Estimate, block: Block, mean: np.ndarray, count: int) -> np.ndarray:
     """Rows, errors and changes (3, C) of the kept measurements of a block, of `count` in its noise group.
 
     `mean` (P, P) is the mean square of the slopes of distances by z of the arm, m^2.
     """
-    k, keep = block.kind.rows, found.weights.row[block.name] > 0
-    jacobian = found.linear.jacobian[found.linear.of_block[block.name]].reshape(k, len(keep), -1)[:, keep]
-    sigma = 1.0 / found.weights.whitening(block).reshape(k, -1)[:, keep]
-    moved = jacobian @ found.covariance  # (k, C, D)
+    k, keep = block.kind.rows, fitted.weights.row[block.name] > 0
+    jacobian = fitted.linear.jacobian[fitted.linear.of_block[block.name]].reshape(k, len(keep), -1)[:, keep]
+    sigma = 1.0 / fitted.weights.whitening(block).reshape(k, -1)[:, keep]
+    moved = jacobian @ fitted.covariance  # (k, C, D)
     share, turn = np.linalg.eigh(np.einsum("icd,jcd->cij", moved, jacobian))
     spare = np.maximum(1.0 - share, LEAST_SPARE)
     spread = turn / np.sqrt(spare)[:, None, :]  # R^-1/2, times a rotation
-    of_arm = moved[..., found.model.slices[ARM]]
+    of_arm = moved[..., fitted.model.slices[ARM]]
     square = np.einsum("icp,pq,jcq->cij", of_arm, mean, of_arm, optimize=True)
     largest, vector = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ square @ spread)
-    size = np.sqrt(detectable(k, found.dof[block.group], count))
+    size = np.sqrt(detectable(k, fitted.dof[block.group], count))
     error = size * np.einsum("cij,cj->ic", spread, vector[..., -1]) * sigma
     shift = size * np.sqrt(np.maximum(largest[:, -1], 0.0))
     return np.stack([block.rows[keep], np.linalg.norm(error, axis=0), shift])
@@ -126,8 +126,8 @@ class Finding:
 class Assessed:
     """The results from which findings are derived."""
 
-    found: Estimate
-    left: Unexplained
+    fitted: Estimate
+    unexplained: Unexplained
     checked: Validation
     expected: Forecast
     undetermined: tuple[Undetermined, ...]
@@ -159,37 +159,37 @@ def _tests(of: Assessed) -> Iterator[Finding]:
 
 
 def _residuals(of: Assessed) -> Iterator[Finding]:
-    found, left = of.found, of.left
-    if left.excess:
-        noise = f"of {AGAIN[left.group]}" if left.repeats is not None else "stated"
-        sizes = f"residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm"
-        if left.fitted <= left.floor:
+    fitted, unexplained = of.fitted, of.unexplained
+    if unexplained.excess:
+        noise = f"of {AGAIN[unexplained.group]}" if unexplained.repeats is not None else "stated"
+        sizes = f"residuals {1e6 * unexplained.fitted:.1f} µm, noise {noise} {1e6 * unexplained.floor:.1f} µm"
+        if unexplained.fitted <= unexplained.floor:
             sizes = f"by validation errors, not by residuals of the fit: {sizes}"
         yield Finding(
             "unexplained", "warning",
-            f"{1e6 * left.excess:.1f} µm per coordinate unexplained, added to every predicted point "
+            f"{1e6 * unexplained.excess:.1f} µm per coordinate unexplained, added to every predicted point "
             f"({sizes})",
         )  # fmt: skip
-    scale = max(s for group, s in found.weights.scale.items() if group != ORIENTATION)
-    if scale > WILD_SCALE and left.fitted > WILD_SIZE:
+    scale = max(s for group, s in fitted.weights.scale.items() if group != ORIENTATION)
+    if scale > WILD_SCALE and unexplained.fitted > WILD_SIZE:
         yield Finding(
             "wrong_files", "error",
-            f"residuals of {1e3 * left.fitted:.1f} mm, far more than any small error of an arm: "
+            f"residuals of {1e3 * unexplained.fitted:.1f} mm, far more than any small error of an arm: "
             "check offset_deg, the signs of link_from_reading, units, and the tools",
         )  # fmt: skip
-    for wrong in contradictions(found.model.scene.dataset):
+    for wrong in contradictions(fitted.model.scene.dataset):
         yield Finding("certified_length", "error", f"{wrong.what}; {wrong.remedy}")
-    if words := copies(found.model.scene.dataset):
+    if words := copies(fitted.model.scene.dataset):
         yield Finding("doubled_row", "warning", words)
-    if (few := planned(found.model.scene.dataset)) and not few.certain:
-        yield Finding("planned_pose", "warning", few.words(found.model.scene.dataset))
-    if words := rounded(found.model.scene.dataset):
+    if (few := planned(fitted.model.scene.dataset)) and not few.certain:
+        yield Finding("planned_pose", "warning", few.words(fitted.model.scene.dataset))
+    if words := rounded(fitted.model.scene.dataset):
         yield Finding("rounded_readings", "warning", words)
-    count = sum(len(b.rows) for b in found.model.states)
-    if len(found.rejected) > MANY_REJECTED * count:
+    count = sum(len(b.rows) for b in fitted.model.states)
+    if len(fitted.rejected) > MANY_REJECTED * count:
         yield Finding(
             "many_rejected", "warning",
-            f"{len(found.rejected)} of {count} measurements rejected as outliers: more than expected",
+            f"{len(fitted.rejected)} of {count} measurements rejected as outliers: more than expected",
         )  # fmt: skip
     uneven = [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]
     if uneven:
@@ -210,8 +210,8 @@ def differing(count: np.ndarray, chi2: np.ndarray) -> float:
         over that of all has an inverse gamma distribution.
     """
     nu = NOISY
-    own = gammaln((nu + count) / 2) - gammaln(nu / 2) + nu / 2 * np.log(nu / 2) + chi2 / 2
-    return float(np.sum(own - (nu + count) / 2 * np.log((nu + chi2) / 2)))
+    gamma = gammaln((nu + count) / 2) - gammaln(nu / 2) + nu / 2 * np.log(nu / 2)
+    return float(np.sum(gamma + chi2 / 2 - (nu + count) / 2 * np.log((nu + chi2) / 2)))
 
 
 def noise_ratios(count: np.ndarray, chi2: np.ndarray) -> np.ndarray:
@@ -222,14 +222,14 @@ def noise_ratios(count: np.ndarray, chi2: np.ndarray) -> np.ndarray:
 
 def _noises(of: Assessed) -> Iterator[Finding]:
     """Noise groups with targets whose residuals are of another size than those of the others."""
-    linear, row = of.found.linear, of.found.weights.row
-    for blocks in by_group(of.found.model).values():
+    linear, row = of.fitted.linear, of.fitted.weights.row
+    for blocks in by_group(of.fitted.model).values():
         squares = dict[str, list[float]]()
         for b in blocks:
             keep = np.tile(row[b.name] > 0, b.kind.rows)
             squares.setdefault(b.target, []).extend(linear.residual[linear.of_block[b.name]][keep] ** 2)
-        squares = {target: own for target, own in squares.items() if own}
-        count, chi2 = (np.array([f(own) for own in squares.values()]) for f in (len, sum))
+        squares = {target: values for target, values in squares.items() if values}
+        count, chi2 = (np.array([f(values) for values in squares.values()]) for f in (len, sum))
         level = np.sum(chi2) / max(np.sum(count), 1)
         if level > 0 and differing(count, chi2 / level) > UNEVEN:
             ratio = np.sqrt(chi2 / count / level)
@@ -242,16 +242,16 @@ def _noises(of: Assessed) -> Iterator[Finding]:
 
 
 def _boards(of: Assessed) -> Iterator[Finding]:
-    for board in displaced(of.found):
+    for board in displaced(of.fitted):
         yield Finding("points_differ", "warning", board.words)
-    if words := lost_images(of.found):
+    if words := lost_images(of.fitted):
         yield Finding("lost_images", "warning", words)
-    if words := blurred(of.found):
+    if words := blurred(of.fitted):
         yield Finding("blurred", "note", words)
 
 
 def _parameters(of: Assessed) -> Iterator[Finding]:
-    model, z = of.found.model, of.found.z
+    model, z = of.fitted.model, of.fitted.z
     for u in of.undetermined:
         if u.matters or u.hidden:
             yield Finding("not_identifiable", "warning" if u.matters else "note", u.words)
@@ -260,10 +260,10 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             "no_length", "warning",
             "no certified length among the fitted targets: the size of the arm rests on its tolerances",
         )  # fmt: skip
-    limit, told = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
-    wider = np.array([told.get(family(p), 1.0) for p in model.parameters])
+    limit, widening = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
+    wider = np.array([widening.get(family(p), 1.0) for p in model.parameters])
     every = zip(model.parameters, z[: len(wider)] * wider, strict=True)
-    beyond = [p for p, at in every if abs(at) > limit]
+    beyond = [p for p, deviation in every if abs(deviation) > limit]
     far = [p.name for p in beyond]
     lens = any(p.site.kind == CAMERA.kind and p.effect == CAMERA.kind for p in beyond)
     yield from (Finding("far_from_prior", "warning", words) for words in of.options.contrary)
@@ -275,10 +275,10 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding(
             "far_from_nominal", "warning",
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations"
-            f"{' (before widening)' if told else ''} from nominal; check what is stated of them"
+            f"{' (before widening)' if widening else ''} from nominal; check what is stated of them"
             f"{': is the calibration of the camera of images of this size and crop?' if lens else ''}",
         )  # fmt: skip
-    if factor := _one_factor(of.found, wider):
+    if factor := _one_factor(of.fitted, wider):
         yield Finding(
             "one_scale", "warning",
             f"the lengths of the links are {factor:.4f} times nominal, all of them: check the robot file and "
@@ -288,8 +288,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding("prior_width", "note", words)
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
-    own, circumstances = {plain(name) for name in model.effects}, model.scene.circumstances()
-    for effect in (MODELS[name] for name in BASELINE if name not in own):
+    effects, circumstances = {plain(name) for name in model.effects}, model.scene.circumstances()
+    for effect in (MODELS[name] for name in BASELINE if name not in effects):
         if lacks := effect.missing(circumstances):
             yield Finding("not_modelled", "note", f"the model has no {effect.name}: {lacks}")
     absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]
@@ -298,12 +298,12 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding("not_in_robot_file", "note", words)
 
 
-def _one_factor(found: Estimate, wider: np.ndarray) -> float | None:
+def _one_factor(fitted: Estimate, wider: np.ndarray) -> float | None:
     """The one factor on nominal lengths of links that explains how far they are from nominal, or None.
 
     `wider` (P,) are the factors on stated prior standard deviations.
     """
-    every = zip(found.model.parameters, found.z, found.sd, wider, strict=False)
+    every = zip(fitted.model.parameters, fitted.z, fitted.sd, wider, strict=False)
     lengths = [(z * by, p.nominal * by / p.sd) for p, z, u, by in every  # others than lengths are nominally 0
                if p.unit == "m" and p.nominal and u < DETERMINED]  # fmt: skip
     if len(lengths) < 2:
@@ -314,28 +314,28 @@ def _one_factor(found: Estimate, wider: np.ndarray) -> float | None:
     return 1 + scale if before - after > FAR**2 and after < ONE_SCALE * before else None
 
 
-def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:
+def rests_on_priors(expected: Forecast, unexplained: Unexplained) -> bool:
     """Whether priors decide the predicted distance error, with more than the noise of one contact."""
-    return expected.prior_share > PRIOR_DECIDES and expected.prior_rms > left.floor
+    return expected.prior_share > PRIOR_DECIDES and expected.prior_rms > unexplained.floor
 
 
 def _false_comfort(of: Assessed) -> Iterator[Finding]:
     """Why small residuals do not prove small distance errors."""
-    left, expected, lead = of.left, of.expected, of.expected.lead
+    unexplained, expected, lead = of.unexplained, of.expected, of.expected.lead
     if len(of.seen.missing):
         yield Finding(
             "directions", "warning",
             f"too few directions are {'seen' if of.seen.images else 'probed'}: {in_words(of.seen)}, "
             f"and errors {'along it' if of.seen.images else 'across'} rest on other poses and on the priors",
         )  # fmt: skip
-    if rests_on_priors(expected, left):
+    if rests_on_priors(expected, unexplained):
         yield Finding(
             "prior", "warning",
             f"the prediction rests on tolerances: {100 * expected.prior_share:.0f} % of the variance of a "
             "predicted distance is that of priors which no row reduced",
         )  # fmt: skip
     residuals = [p.residuals for p in of.checked.planes]
-    contact = rms(np.concatenate(residuals)) if residuals else left.fitted
+    contact = rms(np.concatenate(residuals)) if residuals else unexplained.fitted
     those = "those of validation contacts" if residuals else "they"
     distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
@@ -354,14 +354,14 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
 
 def _gross_errors(of: Assessed) -> Iterator[Finding]:
     """A gross error that the rule for outliers does not see, and that changes distances by more than U."""
-    found, u = reliability(of.found), of.expected.workspace.expanded
-    k = int(np.argmax(found.shift)) if len(found.rows) else -1
-    if k >= 0 and found.shift[k] > u:
-        name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]
-        error, shift = micrometres(found.error[k]), micrometres(found.shift[k])
+    gross, u = reliability(of.fitted), of.expected.workspace.expanded
+    k = int(np.argmax(gross.shift)) if len(gross.rows) else -1
+    if k >= 0 and gross.shift[k] > u:
+        name = of.fitted.model.scene.dataset.measurements.ids[gross.rows[k]]
+        error, shift = micrometres(gross.error[k]), micrometres(gross.shift[k])
         yield Finding(
             "gross_error_unseen", "warning",
-            f"a gross error up to {error} in one of {len(found.rows)} measurements (`{name}`) would not be "
+            f"a gross error up to {error} in one of {len(gross.rows)} measurements (`{name}`) would not be "
             f"detected and would change distances by {shift} RMS (U = {micrometres(u)}): "
             "repeat it, or add measurements",
         )  # fmt: skip

@@ -77,21 +77,23 @@ def identifiability(fitted: Estimate, covariance: np.ndarray | None = None) -> I
     # the form of a face is not the arm's: it is projected out with the targets
     arm = np.array([k for k, p in enumerate(model.parameters) if p.effect != FORM], int)
     j = fitted.linear.jacobian
-    own, other = j[:, arm], np.delete(j, arm, axis=1)
-    shared = other.T @ own
+    by_arm, other = j[:, arm], np.delete(j, arm, axis=1)
+    shared = other.T @ by_arm
     prior = other.T @ other + np.eye(other.shape[1])
-    information = own.T @ own - shared.T @ np.linalg.solve(prior, shared)
+    information = by_arm.T @ by_arm - shared.T @ np.linalg.solve(prior, shared)
     eigenvalues, vectors = np.linalg.eigh(information)
     singular = np.sqrt(np.maximum(eigenvalues, 0.0))
     parameters = [model.parameters[k] for k in arm]
     names = [p.name for p in parameters]
     weak = vectors[:, singular < WEAK]
-    found = [_direction(parameters, v, information, weak) for v in simplified(weak).T] if weak.size else []
+    weak_directions = (
+        [_direction(parameters, v, information, weak) for v in simplified(weak).T] if weak.size else []
+    )
     contraction = 1.0 - np.diag(covariance)[arm]
-    found.sort(key=lambda d: d.singular_value)
+    weak_directions.sort(key=lambda d: d.singular_value)
     return Identifiability(
         singular[::-1],
-        tuple(found),
+        tuple(weak_directions),
         tuple(n for n, c in zip(names, contraction, strict=True) if c >= DETERMINED),
         tuple(n for n, c in zip(names, contraction, strict=True) if PRIOR_ONLY <= c < DETERMINED),
         tuple(n for n, c in zip(names, contraction, strict=True) if c < PRIOR_ONLY),
@@ -220,8 +222,8 @@ class Conditions:
         excluded = {"directions"} if np.all(looks) else set()
         excluded |= {"length"} if self._metric else set()
         excluded |= {"payload"} if robot.masses is None else set()
-        left = [c for c in changes if c not in excluded]
-        return [own for size in range(len(left) + 1) for own in combinations(left, size)]
+        allowed = [c for c in changes if c not in excluded]
+        return [subset for size in range(len(allowed) + 1) for subset in combinations(allowed, size)]
 
     def information(self, changes: tuple[str, ...]) -> np.ndarray:
         """Information (P, P) of a session with changes, by z, with the place of its targets eliminated."""
@@ -253,9 +255,9 @@ class Conditions:
         """TCP positions (N, 3), m, and their slopes (N, 3, P') by z; `other`: payload, tool, or ""."""
         if (everywhere, other) not in self._slopes:
             payload = self.model.scene.dataset.measurements.payload
-            own = np.zeros(PLANNED) if payload is None else payload[self.rows]
+            load = np.zeros(PLANNED) if payload is None else payload[self.rows]
             readings = self._everywhere if everywhere else self.readings[self.rows]
-            heavier = own + PAYLOAD if other == "payload" else None
+            heavier = load + PAYLOAD if other == "payload" else None
             offset = SECOND_TOOL if other == "tool" else None
             motion = elsewhere(self.model, self.rows, readings, heavier, offset)
             slopes = point_slopes(self.model, motion, self._values)
@@ -267,8 +269,8 @@ class Conditions:
         points, rows, second = [], [], []
         ours = np.array([p.effect == TOOL.name for p in self.model.parameters])
         for other in ("", *(c for c in ("payload", "tool") if c in changes)):
-            at, slopes = self._points("poses" in changes, other)
-            points.append(at)
+            positions, slopes = self._points("poses" in changes, other)
+            points.append(positions)
             second.append(slopes[..., ours] * (other == "tool"))
             rows.append(np.where(ours, 0.0, slopes) if other == "tool" else slopes)
         look = np.eye(3) if "directions" in changes else np.tile(self._look[self.rows], (len(points), 1, 1))
@@ -281,11 +283,11 @@ class Conditions:
 
 def _body(points: np.ndarray, size: bool) -> np.ndarray:
     """Displacements (3 N, 6 or 7) of points (N, 3) by the place of a body, and by its size."""
-    at = points - points.mean(axis=0)
-    scale = max(rms(at), 1e-3)
-    moved = [np.broadcast_to(axis, at.shape) for axis in np.eye(3)]
-    turned = [np.cross(axis, at) / scale for axis in np.eye(3)]
-    return np.stack([*moved, *turned, *([at / scale] if size else [])], axis=2).reshape(at.size, -1)
+    centred = points - points.mean(axis=0)
+    scale = max(rms(centred), 1e-3)
+    moved = [np.broadcast_to(axis, centred.shape) for axis in np.eye(3)]
+    turned = [np.cross(axis, centred) / scale for axis in np.eye(3)]
+    return np.stack([*moved, *turned, *([centred / scale] if size else [])], axis=2).reshape(centred.size, -1)
 
 
 def _free_of(a: np.ndarray, unknown: np.ndarray) -> np.ndarray:

@@ -59,53 +59,53 @@ class Images:
 
 def side(parameter: Parameter) -> str:
     """Whether a parameter is of the arm, the camera, the board, a mount or the clock."""
-    known, site = EFFECTS.get(parameter.effect), parameter.site.kind
-    return (known.side if known else "") or (site if site in SITES else "arm")
+    effect, site = EFFECTS.get(parameter.effect), parameter.site.kind
+    return (effect.side if effect else "") or (site if site in SITES else "arm")
 
 
-def images(estimate: Estimate) -> Iterator[Images]:
+def images(fitted: Estimate) -> Iterator[Images]:
     """What every side changes in the images of each camera of a fit, the largest first."""
-    for block in estimate.model.blocks:
+    for block in fitted.model.blocks:
         if isinstance(block, Posed) and isinstance(block.kind, Camera):
-            found = _of(estimate, block, block.kind)
-            if found.corners:
-                yield found
+            of_camera = _of(fitted, block, block.kind)
+            if of_camera.corners:
+                yield of_camera
 
 
-def _of(estimate: Estimate, block: Posed, kind: Camera) -> Images:
-    model = estimate.model
-    kept = estimate.weights.row[block.name] > 0
+def _of(fitted: Estimate, block: Posed, kind: Camera) -> Images:
+    model = fitted.model
+    kept = fitted.weights.row[block.name] > 0
     both = np.tile(kept, kind.rows)
-    scale, whitening = np.tile(kind.scale, kind.rows), estimate.weights.whitening(block)[both]
-    mine = estimate.linear.of_block[block.name]
-    linear = estimate.linear
-    if estimate.weights.shared:  # of the corners themselves, whatever they share
-        linear = linearise(model, estimate.z, estimate.weights.apart)
+    scale, whitening = np.tile(kind.scale, kind.rows), fitted.weights.whitening(block)[both]
+    mine = fitted.linear.of_block[block.name]
+    linear = fitted.linear
+    if fitted.weights.shared:  # of the corners themselves, whatever they share
+        linear = linearise(model, fitted.z, fitted.weights.apart)
     jacobian, in_px, count = linear.jacobian[mine][both], scale[both], int(np.sum(kept))
     arm = model.slices[ARM]
     names = [side(p) for p in model.parameters]
     free = np.array([p.effect == PLACE for p in model.parameters], bool)
     place = np.concatenate([jacobian[:, arm][:, free], jacobian[:, model.slices[block.target]]], axis=1)
     basis = np.linalg.qr(place[:, np.any(place, axis=0)])[0]
-    value = estimate.arm / model.sd
+    value = fitted.arm / model.sd
     parts = []
     for name in dict.fromkeys(names):
-        own = np.flatnonzero((np.array(names) == name) & ~free)
-        if not len(own):
+        index = np.flatnonzero((np.array(names) == name) & ~free)
+        if not len(index):
             continue
-        columns = jacobian[:, arm][:, own]
+        columns = jacobian[:, arm][:, index]
         columns = (columns - basis @ (basis.T @ columns)) / (whitening * in_px)[:, None]  # px
-        moved = columns @ value[own]
+        moved = columns @ value[index]
         rms = float(np.sqrt(np.sum(moved**2) / max(count, 1)))
         slope = columns.T @ moved / max(count * rms, np.finfo(float).tiny)
-        covariance = estimate.covariance[arm, arm][np.ix_(own, own)]
+        covariance = fitted.covariance[arm, arm][np.ix_(index, index)]
         u = float(np.sqrt(slope @ covariance @ slope))
         every = np.linalg.norm(moved.reshape(kind.rows, -1), axis=0)
         lengths = np.linalg.norm((moved * in_px).reshape(kind.rows, -1), axis=0)
         parts.append(Part(name, rms, u, float(every.max(initial=0)), float(lengths.max(initial=0))))
     parts.sort(key=lambda p: -p.rms)
     stated = float(np.median(block.sigma / kind.scale))  # few images are blurred
-    noise = stated * estimate.weights.scale[block.group]
+    noise = stated * fitted.weights.scale[block.group]
     return Images(block.target, len(np.unique(block.images[1][kept])), count, noise, tuple(parts))
 
 
@@ -121,9 +121,9 @@ ACROSS = 2.0
 """Ratio of the RMS across the plane of a board to that within it, from which on it is called not flat."""
 
 
-def blurred(found: Estimate) -> str:
+def blurred(fitted: Estimate) -> str:
     """The images that are blurred, as a sentence; "" where none is."""
-    scene = found.model.scene
+    scene = fitted.model.scene
     stop, factor = scene.dataset.measurements.stop, scene.blur
     rows = np.flatnonzero(factor > 1.0)
     if stop is None or not len(rows):
@@ -134,15 +134,15 @@ def blurred(found: Estimate) -> str:
     return f"noise of blurred images over that of the others: {shown}; each is weighted by its own"
 
 
-def lost_images(found: Estimate) -> str:
+def lost_images(fitted: Estimate) -> str:
     """The images of which most corners are outliers, as a sentence; "" where none is."""
-    m, each = found.model.scene.dataset.measurements, []
-    views = {v.name for v in found.model.scene.circumstances(found.model.scene.rows("calibrate")).views}
-    for b in found.model.blocks:
+    m, each = fitted.model.scene.dataset.measurements, []
+    views = {v.name for v in fitted.model.scene.circumstances(fitted.model.scene.rows("calibrate")).views}
+    for b in fitted.model.blocks:
         if b.target not in views or m.stop is None:
             continue
         image, of = np.unique(m.stop[b.rows], return_inverse=True)
-        count, lost = np.bincount(of), np.bincount(of, found.weights.row[b.name] == 0)
+        count, lost = np.bincount(of), np.bincount(of, fitted.weights.row[b.name] == 0)
         each += [f"{image[k]} ({lost[k]:.0f} of {count[k]})" for k in np.flatnonzero(2 * lost > count)]
     if not each:
         return ""
@@ -188,18 +188,18 @@ class Displaced:
         )
 
 
-def displaced(found: Estimate) -> tuple[Displaced, ...]:
+def displaced(fitted: Estimate) -> tuple[Displaced, ...]:
     """Boards of fitted cameras with points that are off in all images."""
-    scene = found.model.scene
+    scene = fitted.model.scene
     views = {v.name: v for v in scene.circumstances(scene.rows("calibrate")).views}
     of_target: dict[str, list[tuple[np.ndarray, ...]]] = {}
-    for b in found.model.blocks:
+    for b in fitted.model.blocks:
         if b.target in views:
-            kept, residual = found.weights.row[b.name] > 0, found.residuals(b).T
-            sigma = b.sigma * found.weights.scale[b.group]
+            kept, residual = fitted.weights.row[b.name] > 0, fitted.residuals(b).T
+            sigma = b.sigma * fitted.weights.scale[b.group]
             of_target.setdefault(b.target, []).append((b.rows, residual, sigma, kept))
-    joined = ((name, map(np.concatenate, zip(*own, strict=True))) for name, own in of_target.items())
-    every = (_of_board(views[name], *own) for name, own in joined)
+    joined = ((name, map(np.concatenate, zip(*parts, strict=True))) for name, parts in of_target.items())
+    every = (_of_board(views[name], *parts) for name, parts in joined)
     return tuple(one for one in every if one is not None)
 
 
@@ -216,9 +216,9 @@ def _of_board(
     np.add.at(score, of[used], -np.einsum("cki,ck->ci", by[used], r[used]))
     nats, shift = np.empty(len(SIZES)), np.empty((len(SIZES), *score.shape))
     for k, sd in enumerate(SIZES):
-        own = information + np.eye(3) / sd**2
-        shift[k] = np.linalg.solve(own, score[..., None])[..., 0]
-        nats[k] = 0.5 * np.sum(score * shift[k]) - 0.5 * np.sum(np.linalg.slogdet(own * sd**2)[1])
+        precision = information + np.eye(3) / sd**2
+        shift[k] = np.linalg.solve(precision, score[..., None])[..., 0]
+        nats[k] = 0.5 * np.sum(score * shift[k]) - 0.5 * np.sum(np.linalg.slogdet(precision * sd**2)[1])
     best = int(np.argmax(nats))
     if nats[best] - np.log(len(SIZES)) < TOLD:
         return None

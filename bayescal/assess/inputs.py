@@ -54,7 +54,7 @@ class Input:
     distribution: str = NORMAL
 
 
-Own = tuple[Input, np.ndarray]
+Contribution = tuple[Input, np.ndarray]
 """An input and the changes (K, M) of K quantities by its M independent unit errors."""
 
 
@@ -69,14 +69,14 @@ class Basis:
         m, unexplained error of each coordinate of a point, beyond the model discrepancy.
     excess_dof : float
         Its effective degrees of freedom.
-    known : Prepared, optional
+    precomputed : Prepared, optional
         Validation measurements and located targets of `stated.wide`, where they are known.
     """
 
     stated: Stated
     excess: float = 0.0
     excess_dof: float = inf
-    known: Prepared | None = None
+    precomputed: Prepared | None = None
 
     @cached_property
     def propagated(self) -> tuple[Propagated, ...]:
@@ -86,7 +86,7 @@ class Basis:
     @cached_property
     def prepared(self) -> Prepared:
         """Validation measurements, and the targets that are located from them."""
-        return self.known or prepared(self.stated.wide, strict=False)
+        return self.precomputed or prepared(self.stated.wide, strict=False)
 
     def unexplained(self) -> Input:
         """The unexplained error of a coordinate."""
@@ -118,40 +118,40 @@ def propagated(stated: Stated) -> tuple[Propagated, ...]:
     return (*(replace(p, by=wide(p.by)) for p in plain), *_functions(stated))
 
 
-def reading_shares(found: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
+def reading_shares(fitted: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
     """Share (C,) of the variance of a block's rows that noise of the joint readings has; z (size,)."""
-    scene = found.model.scene
+    scene = fitted.model.scene
     joint, each = scene.dataset.reading_noise
     if joint <= 0:
         return np.zeros(len(block.rows))
-    by = block.by_readings(found.arm, z, scene.dataset.robot.link_from_reading * each)
+    by = block.by_readings(fitted.arm, z, scene.dataset.robot.link_from_reading * each)
     of_readings = joint**2 * np.sum(by**2, axis=1).reshape(block.kind.rows, -1)
     return np.asarray(np.mean(of_readings / (of_readings + block.sigma**2), axis=0))
 
 
 def _noise(stated: Stated) -> Iterator[Propagated]:
     """Noise of the poses, by the groups of noise of their rows; with the share of the joint readings."""
-    found = stated.plain
-    model, scene = found.model, found.model.scene
-    kept = {b.name: found.weights.row[b.name] > 0 for b in model.blocks}
+    plain = stated.plain
+    model, scene = plain.model, plain.model.scene
+    kept = {b.name: plain.weights.row[b.name] > 0 for b in model.blocks}
     rows = np.unique(np.concatenate([b.rows[kept[b.name]] for b in model.blocks]))
     pose = poses(scene.dataset.measurements, rows)
     share, groups = np.zeros(len(rows)), [list[str]() for _ in range(pose.max() + 1)]
     for block in model.blocks:
-        at = np.searchsorted(rows, block.rows[kept[block.name]])
+        index = np.searchsorted(rows, block.rows[kept[block.name]])
         if block.group != ORIENTATION:  # read together with a point of the same row
-            share[at] = reading_shares(found, block, found.z[model.slices[block.target]])[kept[block.name]]
-        for p in np.unique(pose[at]):
+            share[index] = reading_shares(plain, block, plain.z[model.slices[block.target]])[kept[block.name]]
+        for p in np.unique(pose[index]):
             if block.group not in groups[p]:
                 groups[p].append(block.group)
-    label = np.array([" and ".join(sorted(own)) for own in groups])[pose]
+    label = np.array([" and ".join(sorted(of_pose)) for of_pose in groups])[pose]
     names = np.array([t.name for t in scene.dataset.targets])[scene.dataset.measurements.target]
-    at = np.searchsorted(rows, stated.noise_rows)
+    index = np.searchsorted(rows, stated.noise_rows)
     for name in dict.fromkeys(label.tolist()):
-        own = np.flatnonzero(label[at] == name)
-        dof = sum(found.dof[g] for g in name.split(" and ")) + STATED_WORTH
+        columns = np.flatnonzero(label[index] == name)
+        dof = sum(plain.dof[g] for g in name.split(" and ")) + STATED_WORTH
         u, u_reading = _sizes(stated, name.split(" and ")[0])
-        part, targets, by = share[at[own]], names[stated.noise_rows[own]], stated.noise[:, own]
+        part, targets, by = share[index[columns]], names[stated.noise_rows[columns]], stated.noise[:, columns]
         unit = "rad" if name == ORIENTATION else "m"
         noise = Input(NOISE, f"noise of {_plural(name)}", "A", unit, 0.0, u, dof, scale=name)
         yield Propagated(noise, by * np.sqrt(1.0 - part), targets)
@@ -176,19 +176,19 @@ def _plural(group: str) -> str:
 
 def _sizes(stated: Stated, group: str) -> tuple[float, float]:
     """Standard uncertainty of one residual of a group without the readings' part, and of one reading; SI."""
-    found = stated.plain
-    scale = found.weights.scale[group] * float(np.sqrt(stated.white))
-    own = np.concatenate([np.tile(b.sigma, b.kind.rows) for b in found.model.blocks if b.group == group])
-    return scale * rms(own), scale * found.model.scene.dataset.reading_noise[0]
+    plain = stated.plain
+    scale = plain.weights.scale[group] * float(np.sqrt(stated.white))
+    sigma = np.concatenate([np.tile(b.sigma, b.kind.rows) for b in plain.model.blocks if b.group == group])
+    return scale * rms(sigma), scale * plain.model.scene.dataset.reading_noise[0]
 
 
-def _certificates(found: Estimate) -> Iterator[Propagated]:
+def _certificates(fitted: Estimate) -> Iterator[Propagated]:
     """Every certificate that was fitted: its length and its angles."""
-    model = found.model
+    model = fitted.model
     first = sum(b.residuals for b in model.blocks)
     for constraint in model.constraints:
         entry = model.scene.dataset.certificates[constraint.number]
-        by = found.covariance @ found.linear.jacobian[first : first + constraint.rows].T
+        by = fitted.covariance @ fitted.linear.jacobian[first : first + constraint.rows].T
         first += constraint.rows
         if entry.points is not None:
             name = f"certificate: coordinates of {entry.points.artefact}"
@@ -197,8 +197,8 @@ def _certificates(found: Estimate) -> Iterator[Propagated]:
             continue
         units = np.array([unit for _, unit in model.scene.stated(entry)])
         for unit in dict.fromkeys(units.tolist()):
-            own = np.flatnonzero(units == unit)
-            yield Propagated(certificate_input(entry, unit, float(constraint.u[own[0]])), by[:, own])
+            columns = np.flatnonzero(units == unit)
+            yield Propagated(certificate_input(entry, unit, float(constraint.u[columns[0]])), by[:, columns])
 
 
 def certificate_input(entry: Certificate, unit: str, u: float) -> Input:
@@ -209,9 +209,9 @@ def certificate_input(entry: Certificate, unit: str, u: float) -> Input:
     return Input(CERTIFICATE, name, "B", unit, value, u, common="certificates of the distances")
 
 
-def _priors(found: Estimate) -> Iterator[Propagated]:
+def _priors(fitted: Estimate) -> Iterator[Propagated]:
     """The prior value of every unknown; the stated size of a board is a certificate."""
-    model = found.model
+    model = fitted.model
     certified = certified_sizes(model.scene.dataset)
     sd = np.concatenate([model.sd, *(b.sd for b in model.states)])
     centre = np.concatenate([[p.centre for p in model.parameters], *(0.0 * b.sd for b in model.states)])
@@ -221,7 +221,7 @@ def _priors(found: Estimate) -> Iterator[Propagated]:
             group, f"{words} of {name}", "B", model.units[k], float(centre[k]), float(sd[k]),
             common="certificates of the distances" if name in certified else "other prior values",
         )  # fmt: skip
-        yield Propagated(stated, found.covariance[:, [k]])
+        yield Propagated(stated, fitted.covariance[:, [k]])
 
 
 def _functions(stated: Stated) -> Iterator[Propagated]:
@@ -229,10 +229,10 @@ def _functions(stated: Stated) -> Iterator[Propagated]:
     extra = np.setdiff1d(np.arange(len(stated.wide.z)), stated.own)
     for name in stated.families:
         count = stated.slopes[name].shape[1]
-        own, extra = extra[:count], extra[count:]
+        columns, extra = extra[:count], extra[count:]
         # of normals f: the parameters are off by -A f, the function itself by f
-        by = stated.wide.covariance[:, own]
-        p, words = stated.wide.model.parameters[own[0]], f"model discrepancy: {name}"
+        by = stated.wide.covariance[:, columns]
+        p, words = stated.wide.model.parameters[columns[0]], f"model discrepancy: {name}"
         yield Propagated(Input(DISCREPANCY, words, "A", p.unit, 0.0, p.sd, stated.dof[name]), by)
     if len(extra):
         yield Propagated(Input(MASSES, MASSES, "B", "1", None, None), stated.wide.covariance[:, extra])
@@ -242,9 +242,9 @@ def _functions(stated: Stated) -> Iterator[Propagated]:
 class Centre:
     """A centre (3,), m, in F0: its slopes (3, D') by the unknowns of a fit, and errors of its own."""
 
-    at: np.ndarray
+    position: np.ndarray
     by_z: np.ndarray
-    own: tuple[Own, ...]
+    errors: tuple[Contribution, ...]
 
 
 def centre(basis: Basis, name: str) -> Centre:
@@ -266,20 +266,20 @@ def centre(basis: Basis, name: str) -> Centre:
         by_z = np.zeros((3, model.size))
         by_z[:, model.slices[name]] = block.by_z(np.eye(3, len(block.kind.sd)))  # its first components
         return Centre(centre_of(block, block.state(z)), by_z, ())
-    known = basis.prepared.located
-    if name not in known:
+    located = basis.prepared.located
+    if name not in located:
         what = f"{name} has no measurements that are fitted or validate"
         raise BayescalError(what, "--distance", "name targets that were measured")
-    t = known[name]
+    t = located[name]
     by_z = np.zeros((3, model.size))
     by_z[:, model.slices[ARM]] = t.to_state[:3] @ t.by_arm
-    return Centre(t.centre, by_z, tuple(own_errors(basis, t, t.to_state[:3])))
+    return Centre(t.centre, by_z, tuple(location_errors(basis, t, t.to_state[:3])))
 
 
 def reading_errors(
     basis: Basis, block: Block, z: np.ndarray, noise: np.ndarray, by: np.ndarray, names: Sequence[str],
     common: Sequence[str] = ("", ""),
-) -> Iterator[Own]:  # fmt: skip
+) -> Iterator[Contribution]:  # fmt: skip
     """Errors of rows that were not fitted: their own noise, and the part of the joint readings in it.
 
     Parameters
@@ -302,15 +302,15 @@ def reading_errors(
     dof = wide.dof[group] + STATED_WORTH if fitted else np.inf
     share = np.tile(reading_shares(wide, block, z), block.kind.rows)
     joint = factor * wide.model.scene.dataset.reading_noise[0] * wide.weights.scale.get(group, 1.0)
-    own = float(np.sqrt(np.mean((factor * noise) ** 2 * (1.0 - share))))
-    parts = ((1.0 - share, "m", own), (share, _of_reading(wide.model.scene), joint))
+    u_noise = float(np.sqrt(np.mean((factor * noise) ** 2 * (1.0 - share))))
+    parts = ((1.0 - share, "m", u_noise), (share, _of_reading(wide.model.scene), joint))
     for (part, unit, u), name, several in zip(parts, names, common, strict=True):
         if unit == "m" or np.any(part):
             source = Input(PROBING, name, "A" if fitted else "B", unit, 0.0, u, dof, several, group)
             yield source, by * (factor * noise * np.sqrt(part))
 
 
-def own_errors(basis: Basis, t: LocatedTarget, by: np.ndarray) -> Iterator[Own]:
+def location_errors(basis: Basis, t: LocatedTarget, by: np.ndarray) -> Iterator[Contribution]:
     """Errors of locating a target, for quantities with slopes `by` (K, m) by its unknowns."""
     name, scene = t.block.target, basis.stated.wide.model.scene
     names = f"location of {name} ({len(t.block.rows)} measurements)", f"joint readings at {name}"
@@ -322,11 +322,11 @@ def own_errors(basis: Basis, t: LocatedTarget, by: np.ndarray) -> Iterator[Own]:
         yield basis.unexplained(), basis.excess * by @ (t.gain if of_rows else t.by_shift)
 
 
-def _located_priors(t: LocatedTarget, by: np.ndarray, certified: bool) -> Iterator[Own]:
+def _located_priors(t: LocatedTarget, by: np.ndarray, certified: bool) -> Iterator[Contribution]:
     """What was stated of a target: its certified diameter, its position, the centre of its tool."""
     name, parts = t.block.target, t.block.kind.parts
-    for k, at in enumerate(t.block.free):
-        part, unit = parts[at]
+    for k, component in enumerate(t.block.free):
+        part, unit = parts[component]
         prior = Input(
             PROBING, f"stated {part} of {name}", "B", unit, 0.0, float(t.block.sd[k]),
             common="stated positions of the measured targets",

@@ -35,7 +35,7 @@ class Measurand:
         None where the measurand is any of several distances.
     by_z : np.ndarray, shape (K, D')
         Slopes by the unknowns of `Stated.wide`.
-    own : tuple of Own
+    errors : tuple of Contribution
     any_of : bool
         The measurand is any one of the K quantities (a distance in the volume); else all K together (the
         coordinates of a point): its error is then the length of their vector.
@@ -50,7 +50,7 @@ class Measurand:
     unit: str
     value: float | None
     by_z: np.ndarray
-    own: tuple[inputs.Own, ...] = ()
+    errors: tuple[inputs.Contribution, ...] = ()
     any_of: bool = False
     position: np.ndarray | None = None
     values: tuple[float, ...] = ()
@@ -79,32 +79,34 @@ def distance(basis: inputs.Basis, between: tuple[str, str]) -> Measurand:
     if first == second:
         raise BayescalError(f"both ends are {first}", "--distance", "name two targets")
     a, b = inputs.centre(basis, first), inputs.centre(basis, second)
-    apart = a.at - b.at
+    apart = a.position - b.position
     length = float(np.linalg.norm(apart))
     along = (apart / length)[None]
-    own: list[inputs.Own] = [(one, along @ by) for end in (a, b) for one, by in end.own]
+    errors: list[inputs.Contribution] = [(one, along @ by) for end in (a, b) for one, by in end.errors]
     name, value = f"distance {first} - {second}", length
     model = basis.stated.wide.model
     for c in model.scene.dataset.certificates:
         fitted = set(c.targets) <= model.block_of.keys()  # then the certificate is an input of the fit
         if c.kind == "distance" and set(c.targets) == {first, second} and not fitted:
             u = c.u_distance or 0.0
-            own.append((inputs.certificate_input(c, "m", u), np.array([[u]])))
+            errors.append((inputs.certificate_input(c, "m", u), np.array([[u]])))
             name, value = f"error of the distance {first} - {second}", length - (c.distance or 0.0)
-    return Measurand(DISTANCE, name, "m", value, along @ (a.by_z - b.by_z), _merged(own))
+    return Measurand(DISTANCE, name, "m", value, along @ (a.by_z - b.by_z), _merged(errors))
 
 
 def distances(basis: inputs.Basis, pairs: Sequence[tuple[str, str]], name: str) -> Measurand:
     """Error of any one of several distances."""
     each = [distance(basis, pair) for pair in pairs]
-    by_z, own = _stacked([(m.by_z, m.own) for m in each])
+    by_z, errors = _stacked([(m.by_z, m.errors) for m in each])
     values = tuple(m.value or 0.0 for m in each)
-    return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(own)), any_of=True, values=values)
+    return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(errors)), any_of=True, values=values)
 
 
-def _stacked(parts: Sequence[tuple[np.ndarray, Sequence[inputs.Own]]]) -> tuple[np.ndarray, list[inputs.Own]]:
+def _stacked(
+    parts: Sequence[tuple[np.ndarray, Sequence[inputs.Contribution]]],
+) -> tuple[np.ndarray, list[inputs.Contribution]]:
     """Slopes (K, D') of the quantities of all parts, and the errors of each part, as changes of all K."""
-    by_z, out, first = np.concatenate([by for by, _ in parts]), list[inputs.Own](), 0
+    by_z, out, first = np.concatenate([by for by, _ in parts]), list[inputs.Contribution](), 0
     for by, errors in parts:
         for source, changes in errors:
             out.append((source, np.pad(changes, ((first, len(by_z) - first - len(by)), (0, 0)))))
@@ -120,12 +122,12 @@ def volume(basis: inputs.Basis) -> Measurand:
     by_z = np.zeros((count, wide.model.size))
     if count:
         by_z[:, wide.model.slices[ARM]] = slopes(wide.model, space.motion, space.values, space.pairs)
-    own: tuple[inputs.Own, ...] = ()
+    errors: tuple[inputs.Contribution, ...] = ()
     if basis.excess:
         # each of the two ends has its own error along the distance
-        own = ((basis.unexplained(), np.full((count, 1), np.sqrt(2.0) * basis.excess)),)
+        errors = ((basis.unexplained(), np.full((count, 1), np.sqrt(2.0) * basis.excess)),)
     name = f"error of a distance in the probed volume ({count} distances)"
-    return Measurand(DISTANCES, name, "m", None, by_z, own, any_of=True)
+    return Measurand(DISTANCES, name, "m", None, by_z, errors, any_of=True)
 
 
 def parameter(basis: inputs.Basis, name: str) -> Measurand:
@@ -149,10 +151,10 @@ def parameter(basis: inputs.Basis, name: str) -> Measurand:
     return Measurand(PARAMETER, f"parameter {name}", plain.model.units[k], value, by_z)
 
 
-def _merged(own: Sequence[inputs.Own]) -> tuple[inputs.Own, ...]:
+def _merged(errors: Sequence[inputs.Contribution]) -> tuple[inputs.Contribution, ...]:
     """Errors of the same input added; the unexplained ones, which are of different points, side by side."""
-    out: dict[str, inputs.Own] = {}
-    for source, by in own:
+    out: dict[str, inputs.Contribution] = {}
+    for source, by in errors:
         if source.name in out and source.group == inputs.UNEXPLAINED:
             by = np.concatenate([out[source.name][1], by], axis=1)
         elif source.name in out:
@@ -161,12 +163,12 @@ def _merged(own: Sequence[inputs.Own]) -> tuple[inputs.Own, ...]:
     return tuple(out.values())
 
 
-def in_common(own: Sequence[inputs.Own]) -> tuple[inputs.Own, ...]:
+def in_common(errors: Sequence[inputs.Contribution]) -> tuple[inputs.Contribution, ...]:
     """Independent inputs of many targets as a few components: by their common names."""
-    groups: dict[str, list[inputs.Own]] = {}
-    for source, by in own:
+    groups: dict[str, list[inputs.Contribution]] = {}
+    for source, by in errors:
         groups.setdefault(source.common or source.name, []).append((source, by))
-    out: list[inputs.Own] = []
+    out: list[inputs.Contribution] = []
     for name, each in groups.items():
         first = each[0][0]
         sizes = {source.u for source, _ in each}
@@ -185,18 +187,18 @@ def readings(basis: inputs.Basis) -> Measurand | None:
     for r in basis.prepared.rows:
         if (read := read_pairs(wide.model.scene, r.block.target, r.block.rows)) is not None:
             by = _by_residuals(*read, len(r.block.rows))
-            parts.append((by @ _slopes(r), _own(basis, r, by)))
+            parts.append((by @ _slopes(r), _errors(basis, r, by)))
     if not parts:
         return None
-    by_z, own = _stacked(parts)
+    by_z, errors = _stacked(parts)
     name = f"error of a distance between {READINGS} ({len(by_z)} distances)"
-    return Measurand(DISTANCES, name, "m", None, by_z, in_common(own), any_of=True)
+    return Measurand(DISTANCES, name, "m", None, by_z, in_common(errors), any_of=True)
 
 
-def _by_residuals(pick: np.ndarray, at: np.ndarray, pairs: np.ndarray, count: int) -> np.ndarray:
-    """Slopes (K, 3 C) of the distances of pairs of points `at` (3, N) by the residuals of all C rows."""
+def _by_residuals(pick: np.ndarray, points: np.ndarray, pairs: np.ndarray, count: int) -> np.ndarray:
+    """Slopes (K, 3 C) of the distances of pairs of `points` (3, N) by the residuals of all C rows."""
     first, second = pairs.T
-    apart = at[:, first] - at[:, second]
+    apart = points[:, first] - points[:, second]
     along = apart / np.linalg.norm(apart, axis=0)
     out = np.zeros((len(pairs), 3, count))
     k = np.arange(len(pairs))
@@ -214,7 +216,7 @@ def _slopes(r: RowPrediction) -> np.ndarray:
     return out
 
 
-def _own(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.Own]:
+def _errors(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.Contribution]:
     """Errors of the readings themselves, and of locating their target; `by` (K, R)."""
     wide = basis.stated.wide
     z = wide.z[wide.model.slices[r.block.target]] if r.target is None else r.target.z
@@ -226,6 +228,6 @@ def _own(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.O
         instrument = wide.model.scene.declared_of(r.block.target).of_instrument
         out.append((basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)))
     if r.target is not None:
-        of_target = inputs.own_errors(basis, r.target, -by @ r.by_target)
+        of_target = inputs.location_errors(basis, r.target, -by @ r.by_target)
         out += [error for error in of_target if not r.locates_target or error[0].evaluation == "B"]
     return out

@@ -50,8 +50,8 @@ def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tupl
     if not len(scene.rows("calibrate")):
         return None, ()
     circumstances = scene.circumstances()
-    own = possible(effects, circumstances)
-    return with_parameters(scene, own, parameters_of(own, circumstances, lenient=True)), own
+    modelled = possible(effects, circumstances)
+    return with_parameters(scene, modelled, parameters_of(modelled, circumstances, lenient=True)), modelled
 
 
 @dataclass(frozen=True)
@@ -162,29 +162,30 @@ def _model(of: Hypothesis, model: Model, effects: tuple[str, ...]) -> Model:
     return replace(model, blocks=blocks)
 
 
-def mistaken(found: Judged) -> Iterator[Mistake]:
+def mistaken(judgement: Judged) -> Iterator[Mistake]:
     """The mistakes that the rows show; several that explain them equally well are alternatives."""
-    if found.better:
-        first, *others = found.better
+    if judgement.better:
+        first, *others = judgement.better
         what = f"{first.what} looks like it is {first.like}: then the rows agree with the arm far better"
         if others:
             what += f" (or {', or '.join(f'{h.what} {h.like}' for h in others[:2])})"
         yield Mistake("gross_mistake", what, first.remedy, first.place)
-    if found.factor is not None:
+    if judgement.factor is not None:
         what = (
-            f"all certified lengths look too {'long' if found.factor > 1 else 'short'} by a factor of "
-            f"{max(found.factor, 1 / found.factor):.4f}: the tolerances of the arm do not allow its size"
+            f"all certified lengths look too {'long' if judgement.factor > 1 else 'short'} by a factor of "
+            f"{max(judgement.factor, 1 / judgement.factor):.4f}: the tolerances of the arm do not allow "
+            "its size"
         )
         remedy = "check the unit and the temperature of the certificates, and the lengths in the robot file"
         yield Mistake("certified_scale", what, remedy, ("certificates",))
 
 
-def hidden(found: Judged) -> Iterator[str]:
+def hidden(judgement: Judged) -> Iterator[str]:
     """Gross mistakes that the rows would not show, in words."""
-    if found.unknown:
-        yield f"a wrong unit or a factor of 2 of {', '.join(found.unknown)}"
-    if found.scale is not None and not found.better and found.factor is None:
-        least = 100 * max(DIFFERENT, CERTAIN * found.scale[1])
+    if judgement.unknown:
+        yield f"a wrong unit or a factor of 2 of {', '.join(judgement.unknown)}"
+    if judgement.scale is not None and not judgement.better and judgement.factor is None:
+        least = 100 * max(DIFFERENT, CERTAIN * judgement.scale[1])
         yield f"a common error of all certified lengths below {least:.1g} %"
 
 
@@ -233,9 +234,9 @@ def _round(dataset: Dataset) -> Iterator[tuple[str, tuple[str, ...]]]:
         if "diameter" in target.values:
             groups.setdefault(target.name.partition("@")[0], []).append(target.name)
     if len(groups) > 1:
-        yield "all spheres and cylinders", tuple(name for own in groups.values() for name in own)
-    for name, own in groups.items() if len(groups) <= MOST_GROUPS else ():
-        yield f"`{name}`", tuple(own)
+        yield "all spheres and cylinders", tuple(name for names in groups.values() for name in names)
+    for name, names in groups.items() if len(groups) <= MOST_GROUPS else ():
+        yield f"`{name}`", tuple(names)
 
 
 def _some(dataset: Dataset) -> Dataset:
@@ -262,36 +263,38 @@ def fitted(model: Model, z: np.ndarray) -> _Best:
     for _ in range(STEPS):
         linear = linearise(model, z, weights)
         r, j = linear.residual, linear.jacobian
-        rows, rest = float(np.sum(r[:count] ** 2)), float(np.sum(r[count:] ** 2) + z @ z)
+        rows, priors = float(np.sum(r[:count] ** 2)), float(np.sum(r[count:] ** 2) + z @ z)
         kappa = max(1.0, np.sqrt(rows / count))
-        f = 2 * count * np.log(kappa) + rows / kappa**2 + rest
+        f = 2 * count * np.log(kappa) + rows / kappa**2 + priors
         if abs(f - before) < CLOSED:
             break
         before = f
         if f < best.f:
             best = _Best(float(f), z, float(kappa))
-        by_rows, by_rest = j[:count].T @ j[:count], j[count:].T @ j[count:] + np.eye(len(z))
-        slope_rows, slope_rest = j[:count].T @ r[:count], j[count:].T @ r[count:] + z
+        by_rows, by_priors = j[:count].T @ j[:count], j[count:].T @ j[count:] + np.eye(len(z))
+        slope_rows, slope_priors = j[:count].T @ r[:count], j[count:].T @ r[count:] + z
         change = np.zeros(len(z))
         for _ in range(SCALES):
-            change = -np.linalg.solve(by_rows / kappa**2 + by_rest, slope_rows / kappa**2 + slope_rest)
-            left = r[:count] + j[:count] @ change
-            kappa = max(1.0, np.sqrt(left @ left / count))
+            change = -np.linalg.solve(by_rows / kappa**2 + by_priors, slope_rows / kappa**2 + slope_priors)
+            residual = r[:count] + j[:count] @ change
+            kappa = max(1.0, np.sqrt(residual @ residual / count))
         z = z + change
     return best
 
 
-def _scale(dataset: Dataset, effects: tuple[str, ...], model: Model, at: _Best) -> tuple[float, float] | None:
+def _scale(
+    dataset: Dataset, effects: tuple[str, ...], model: Model, best: _Best
+) -> tuple[float, float] | None:
     """Logarithm of a common factor of all certified lengths, estimated with the arm, and its uncertainty."""
     longer, _ = model_of(Scene(replace(dataset, certificates=_longer(dataset, 1.0 + STEP))), effects)
     assert longer is not None
-    z, count = at.z, sum(b.residuals for b in model.blocks)
+    z, count = best.z, sum(b.residuals for b in model.blocks)
     weights = unit_weights(model, z)
     linear = linearise(model, z, weights)
     by = (linearise(longer, z, weights).residual - linear.residual) / STEP
     if not np.any(by[count:]):
         return None
-    whiten = np.where(np.arange(len(by)) < count, 1.0 / at.kappa, 1.0)
+    whiten = np.where(np.arange(len(by)) < count, 1.0 / best.kappa, 1.0)
     rows = np.column_stack([linear.jacobian, by]) * whiten[:, None]
     information = rows.T @ rows + np.diag([*np.ones(model.size), WIDE**-2])
     slope = rows.T @ (linear.residual * whiten) + np.append(z, 0.0)

@@ -111,11 +111,11 @@ def _neighbourhoods(scene: Scene, rows: np.ndarray, least: int) -> Iterator[Grou
     m = scene.dataset.measurements
     readings = m.readings[rows]
     # each joint by its own spread: a wrist turns further than a shoulder
-    at = readings / np.maximum(np.std(readings, axis=0), 1e-6)
-    tree, size = cKDTree(at), least
+    scaled = readings / np.maximum(np.std(readings, axis=0), 1e-6)
+    tree, size = cKDTree(scaled), least
     centres = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _affordable(CENTRES, rows))).astype(int))
     while size <= len(rows) // 4:
-        near = np.asarray(tree.query(at[centres], k=size)[1])
+        near = np.asarray(tree.query(scaled[centres], k=size)[1])
         for centre, mine in zip(centres, near, strict=True):
             yield Group("pose", f"poses near that of row {m.ids[rows[centre]]}", np.sort(mine))
         size *= 2
@@ -136,15 +136,15 @@ def _slips(scene: Scene, rows: np.ndarray, stops: np.ndarray, least: int) -> Ite
     time = rows if m.time is None else m.time[rows]
     for kind, of, names in (("tool", m.tool, d.tools), ("target", m.target, d.targets)):
         for k in np.unique(of[rows]):
-            own = np.flatnonzero(of[rows] == k)
-            own = own[np.argsort(time[own], kind="stable")]
-            begins = np.flatnonzero(np.diff(stops[own])) + 1
-            begins = begins[(begins >= least) & (begins <= len(own) - least)]
+            index = np.flatnonzero(of[rows] == k)
+            index = index[np.argsort(time[index], kind="stable")]
+            begins = np.flatnonzero(np.diff(stops[index])) + 1
+            begins = begins[(begins >= least) & (begins <= len(index) - least)]
             some = np.linspace(0, len(begins) - 1, min(len(begins), _affordable(SLIPS, rows)))
             for first in begins[some.astype(int)]:
-                row, name = m.ids[rows[own[first]]], names[k].name
-                yield Group("slip", f"{kind} {name} from row {row} on", np.sort(own[first:]))
-                yield Group("slip", f"{kind} {name} before row {row}", np.sort(own[:first]))
+                row, name = m.ids[rows[index[first]]], names[k].name
+                yield Group("slip", f"{kind} {name} from row {row} on", np.sort(index[first:]))
+                yield Group("slip", f"{kind} {name} before row {row}", np.sort(index[:first]))
 
 
 def _affordable(most: int, rows: np.ndarray) -> int:
@@ -197,19 +197,19 @@ class SharedCause:
         )
 
 
-def shared_causes(found: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
+def shared_causes(fitted: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
     """What the rejected measurements of an estimate share, the most significant first; () of true outliers.
 
     Validation measurements of fitted targets count too: as rejected where their prediction excludes them.
     """
-    fitted = np.unique(np.concatenate([b.rows for b in found.model.states]))
-    checked, off = _validation_rows(found)
-    rows = np.concatenate([fitted, checked])
-    rejected = np.concatenate([np.isin(fitted, found.rejected), off])
+    fitted_rows = np.unique(np.concatenate([b.rows for b in fitted.model.states]))
+    checked, off = _validation_rows(fitted)
+    rows = np.concatenate([fitted_rows, checked])
+    rejected = np.concatenate([np.isin(fitted_rows, fitted.rejected), off])
     if np.sum(rejected) < FEWEST:
         return ()
     order = np.argsort(rows)
-    rows, rejected, scene = rows[order], rejected[order], found.model.scene
+    rows, rejected, scene = rows[order], rejected[order], fitted.model.scene
     return shared(groups_of(scene, rows), rows, rejected, seed, stops_of(scene, rows))
 
 
@@ -248,7 +248,7 @@ def shared(
         return table[of_size[:, None], (members @ _incidence(flagged, count).T).toarray()]
 
     kinds, of_kind = np.unique([g.kind for g in groups], return_inverse=True)
-    own = log_p([tested])[:, 0]
+    observed = log_p([tested])[:, 0]
     at_once = max(min(FIRST, MOST_VALUES // len(groups)), 1)
     least = np.empty((len(kinds), 0))
     while least.shape[1] < PERMUTATIONS:
@@ -258,24 +258,25 @@ def shared(
             dealt = np.stack([dealt[of_kind == k].min(axis=0) for k in range(len(kinds))])
             least = np.append(least, dealt, axis=1)
         # groups of one kind overlap (minimum over them); kinds share the level (Bonferroni)
-        p = len(kinds) * (1 + np.sum(least[of_kind] <= own[:, None] + 1e-9, axis=1)) / (1 + least.shape[1])
+        as_small = np.sum(least[of_kind] <= observed[:, None] + 1e-9, axis=1)
+        p = len(kinds) * (1 + as_small) / (1 + least.shape[1])
         if np.min(p) > 20 * LEVEL:
             return ()
     out: dict[str, SharedCause] = {}
-    told = np.empty(0, int)  # rejected measurements of the causes so far
-    for k in np.argsort(own, kind="stable"):
+    explained = np.empty(0, int)  # rejected measurements of the causes so far
+    for k in np.argsort(observed, kind="stable"):
         group = groups[k]
         mine, size = np.intersect1d(group.rows, tested), len(group.rows)
         if p[k] > LEVEL or group.kind in out or len(mine) < FEWEST or len(out) == MOST:
             continue
         # the same measurements in other words, or further ones, which are not there by chance
-        more = np.setdiff1d(mine, told)
-        if len(told) and len(more):
-            others = size - len(mine) + len(more), total - len(told), count - len(told)
+        more = np.setdiff1d(mine, explained)
+        if len(explained) and len(more):
+            others = size - len(mine) + len(more), total - len(explained), count - len(explained)
             chance = np.exp(hypergeometric_log_sf(np.array(others[:1]), *others[1:])[0, len(more)])
             if len(kinds) * np.sum(of_kind == of_kind[k]) * chance > LEVEL:
                 continue
-        told = np.union1d(told, mine)
+        explained = np.union1d(explained, mine)
         every = rows[group.rows[rejected[group.rows]]]
         numbers = size, int(np.sum(rejected)), count, float(p[k])
         out[group.kind] = SharedCause(group.kind, group.label, every, *numbers)
@@ -313,45 +314,45 @@ def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:
 
 def judged_level(scene: Scene, effects: tuple[str, ...], options: FitOptions, seed: int = 0) -> Estimate:
     """A simpler level of a model, its rejected rows judged as in a fit with this model alone."""
-    found = simpler_level(scene, effects, options)
-    return judged_complete(found, seed)[0] if options.robust else found
+    fitted = simpler_level(scene, effects, options)
+    return judged_complete(fitted, seed)[0] if options.robust else fitted
 
 
-def judged_complete(found: Estimate, seed: int = 0) -> tuple[Estimate, tuple[SharedCause, ...]]:
+def judged_complete(fitted: Estimate, seed: int = 0) -> tuple[Estimate, tuple[SharedCause, ...]]:
     """Judge the outliers of a complete model: those that share a cause are fitted, the others are not."""
-    causes = shared_causes(found, seed)
+    causes = shared_causes(fitted, seed)
     if not causes:
-        return found, ()
+        return fitted, ()
     kept = np.unique(np.concatenate([cause.rows for cause in causes]))
-    return estimate(found.model, start=found.z, left_out=np.setdiff1d(found.rejected, kept)), causes
+    return estimate(fitted.model, start=fitted.z, left_out=np.setdiff1d(fitted.rejected, kept)), causes
 
 
-def rejected_share(found: Estimate) -> float:
+def rejected_share(fitted: Estimate) -> float:
     """Share of the fitted measurements that an estimate rejects."""
-    return len(found.rejected) / sum(len(b.rows) for b in found.model.states)
+    return len(fitted.rejected) / sum(len(b.rows) for b in fitted.model.states)
 
 
-def _validation_rows(found: Estimate) -> tuple[np.ndarray, np.ndarray]:
+def _validation_rows(fitted: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """Validation measurements (V,) of fitted targets, and which of them their predictions exclude."""
-    scene, rows, p = found.model.scene, [np.empty(0, int)], [np.empty(0)]
+    scene, rows, p = fitted.model.scene, [np.empty(0, int)], [np.empty(0)]
     for k, target in enumerate(scene.dataset.targets):
-        own = scene.rows_of(k, scene.rows("validate"))
-        if target.name in found.model.block_of and len(own):
-            rows.append(own)
-            p.append(_tail(found, found.model.block(k, own)))
+        of_target = scene.rows_of(k, scene.rows("validate"))
+        if target.name in fitted.model.block_of and len(of_target):
+            rows.append(of_target)
+            p.append(_tail(fitted, fitted.model.block(k, of_target)))
     tails = np.concatenate(p)
     return np.concatenate(rows), tails < FALSE_REJECTIONS / max(len(tails), 1)
 
 
-def _tail(found: Estimate, block: Block) -> np.ndarray:
+def _tail(fitted: Estimate, block: Block) -> np.ndarray:
     """Probability (C,) of so large a residual of each row, by noise and the parameters' covariance."""
-    model = found.model
-    arm, own = model.slices[ARM], model.slices[block.target]
-    r, by_arm, by_target = block.linearise(model.deviations(found.z[arm]), found.z[own])
+    model = fitted.model
+    arm, target = model.slices[ARM], model.slices[block.target]
+    r, by_arm, by_target = block.linearise(model.deviations(fitted.z[arm]), fitted.z[target])
     slopes = np.zeros((len(r), model.size))
-    slopes[:, arm], slopes[:, own] = by_arm * model.sd, by_target
-    noise = noise_of(found, block, found.z[own])
-    variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.covariance, slopes, optimize=True)
+    slopes[:, arm], slopes[:, target] = by_arm * model.sd, by_target
+    noise = noise_of(fitted, block, fitted.z[target])
+    variance = noise**2 + np.einsum("rd,de,re->r", slopes, fitted.covariance, slopes, optimize=True)
     square = (r**2 / variance).reshape(block.kind.rows, -1)
     return np.asarray(chi2_sf(np.sum(square, axis=0), block.kind.rows))
 

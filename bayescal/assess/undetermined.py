@@ -120,7 +120,7 @@ class Undetermined:
     state : str
         ``measure``: the changes determine them; ``rows``: more rows do; ``noise``: their effect is below the
         noise; ``redundant``: they have none.
-    left : float
+    displacement : float
         RMS displacement, m, of TCP positions over the range of all joints by what is not determined.
     noise : float
         Of one measurement, m.
@@ -132,7 +132,7 @@ class Undetermined:
     what: str
     changes: tuple[str, ...]
     state: State
-    left: float
+    displacement: float
     noise: float
     reason: str
     remedy: str
@@ -140,12 +140,12 @@ class Undetermined:
     @property
     def matters(self) -> bool:
         """Whether a point that the arm can go to with this tool is affected beyond the noise."""
-        return self.state != "redundant" and self.left > self.noise
+        return self.state != "redundant" and self.displacement > self.noise
 
     @property
     def hidden(self) -> bool:
         """Whether it may matter otherwise: with another tool, or with less noise."""
-        below = self.state == "noise" and self.left > HIDDEN * self.noise
+        below = self.state == "noise" and self.displacement > HIDDEN * self.noise
         return not self.matters and ("tool" in self.changes or below)
 
     @property
@@ -157,43 +157,45 @@ class Undetermined:
     def cause(self) -> str:
         """What is not determined, what it leaves, and why."""
         effect = "no effect with this tool"
-        if self.left > HIDDEN * self.noise:
-            effect = f"{micrometres(self.left)} RMS over the range of all joints"
+        if self.displacement > HIDDEN * self.noise:
+            effect = f"{micrometres(self.displacement)} RMS over the range of all joints"
         return f"{self.what} ({effect}), because {self.reason}"
 
 
-def undetermined(fitted: Estimate, known: Identifiability) -> tuple[Undetermined, ...]:
+def undetermined(fitted: Estimate, identifiability: Identifiability) -> tuple[Undetermined, ...]:
     """What is not determined, by cause, the largest consequence first.
 
     Parameters
     ----------
     fitted : Estimate
-    known : Identifiability
+    identifiability : Identifiability
         Of this estimate.
     """
-    if not known.weak:
+    if not identifiability.weak:
         return ()
-    session = Conditions(fitted, known.index)
+    session = Conditions(fitted, identifiability.index)
     possible = session.possible(tuple(CHANGES))
-    weak = np.array([d.vector for d in known.weak]).T
+    weak = np.array([d.vector for d in identifiability.weak]).T
     seen, turn = np.linalg.eigh(weak.T @ session.information(possible[-1]) @ weak)
     no_effect = np.sqrt(np.maximum(seen, 0.0) / PLANNED) < REDUNDANT
     groups: dict[tuple[State, tuple[str, ...]], list[np.ndarray]] = {}
     if np.any(no_effect):
         groups["redundant", ()] = [*(weak @ turn[:, no_effect]).T]
     for v in simplified(weak @ turn[:, ~no_effect]).T if not np.all(no_effect) else ():
-        groups.setdefault(_cause(session, known, v, possible), []).append(v)
-    found = [_described(session, known, *cause, np.array(own).T) for cause, own in groups.items()]
-    return tuple(sorted(found, key=lambda u: -u.left))
+        groups.setdefault(_cause(session, identifiability, v, possible), []).append(v)
+    by_cause = [
+        _described(session, identifiability, *cause, np.array(vectors).T) for cause, vectors in groups.items()
+    ]
+    return tuple(sorted(by_cause, key=lambda u: -u.displacement))
 
 
 def _cause(
-    session: Conditions, known: Identifiability, v: np.ndarray, possible: list[tuple[str, ...]]
+    session: Conditions, identifiability: Identifiability, v: np.ndarray, possible: list[tuple[str, ...]]
 ) -> tuple[State, tuple[str, ...]]:
     """The state of a direction (P,), and the smallest of the possible changes that determines it."""
-    own = np.eye(len(v)) + known.information
+    precision = np.eye(len(v)) + identifiability.information
     for changes in possible:
-        if v @ np.linalg.solve(own + session.information(changes), v) <= 1.0 - DETERMINED:
+        if v @ np.linalg.solve(precision + session.information(changes), v) <= 1.0 - DETERMINED:
             return ("measure" if changes else "rows"), changes
     return "noise", ()
 
@@ -205,21 +207,25 @@ def _listed(parameters: tuple[str, ...], combinations: int) -> str:
 
 
 def _described(
-    session: Conditions, known: Identifiability, state: State, changes: tuple[str, ...], v: np.ndarray
+    session: Conditions,
+    identifiability: Identifiability,
+    state: State,
+    changes: tuple[str, ...],
+    v: np.ndarray,
 ) -> Undetermined:
     """Directions (P, K) with a common cause, in words."""
-    names = [p.name for p in known.parameters]
+    names = [p.name for p in identifiability.parameters]
     shown = np.max(np.abs(v), axis=1) > SHOWN
-    covariance = v.T @ np.linalg.solve(np.eye(len(v)) + known.information, v)
+    covariance = v.T @ np.linalg.solve(np.eye(len(v)) + identifiability.information, v)
     if state == "measure":
         reason = " and ".join(CHANGES[c][0](session) for c in changes)
         remedy = ", ".join(CHANGES[c][1](session) for c in changes)
     else:
         reason, remedy = OTHERWISE[state]
-    parameters = tuple(n for n, own in zip(names, shown, strict=True) if own)
+    parameters = tuple(n for n, show in zip(names, shown, strict=True) if show)
     if state == "redundant" and v.shape[1] < len(parameters):
         reason = COMBINED
-    what = known.direction(v[:, 0]).words if v.shape[1] == 1 else _listed(parameters, v.shape[1])
+    what = identifiability.direction(v[:, 0]).words if v.shape[1] == 1 else _listed(parameters, v.shape[1])
     return Undetermined(
         parameters, v.shape[1], what, changes, state,
         session.displacement(v @ covariance @ v.T), session.noise, reason, remedy,

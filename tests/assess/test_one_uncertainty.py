@@ -395,11 +395,13 @@ def test_u_of_mean_and_maximum_by_draws(cycled, simulated_fit, monkeypatch):
     basis, rng = simulated_fit.basis, np.random.default_rng(2)
     m = distances(basis, certified_distances(basis), "")
     # some longer and some shorter, with errors in common as of a ball that ends two of them
-    shared = (m.own[0][0], 1e-6 * rng.standard_normal((len(m.values), 2)))
-    m = replace(m, values=tuple(abs(v) * (-1) ** k for k, v in enumerate(m.values)), own=(*m.own, shared))
+    shared = (m.errors[0][0], 1e-6 * rng.standard_normal((len(m.values), 2)))
+    m = replace(
+        m, values=tuple(abs(v) * (-1) ** k for k, v in enumerate(m.values)), errors=(*m.errors, shared)
+    )
     monkeypatch.setattr("bayescal.assess.conformance.distances", lambda *given: m)
     (figure,) = (f for f in iso9283(basis).figures if f.symbol == "AD")
-    own = [by for source, by in m.own if source.group != UNEXPLAINED]
+    own = [by for source, by in m.errors if source.group != UNEXPLAINED]
     off = sum(1e-4 * rng.standard_normal((4000, by.shape[1])) @ by.T for by in own)
     error = np.abs(np.array(m.values) + off)
     assert figure.u == pytest.approx(1e4 * np.std(error.mean(axis=1)), rel=0.05)

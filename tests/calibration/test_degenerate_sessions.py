@@ -155,7 +155,7 @@ def test_what_is_left_is_what_the_parameters_displace(cube):
     design = np.stack([t.ravel() for t in turns], axis=1)
     rest = (moved - moved.mean(axis=1, keepdims=True)).ravel()
     rest = rest - design @ np.linalg.lstsq(design, rest, rcond=None)[0]
-    assert scale.left == pytest.approx(np.sqrt(np.mean(rest**2) * 3), rel=0.15)
+    assert scale.displacement == pytest.approx(np.sqrt(np.mean(rest**2) * 3), rel=0.15)
 
 
 def test_elsewhere_at_the_rows_of_the_session_is_the_session(cube):

@@ -99,7 +99,15 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
             ],
             **entry(fit.identifiability, "determined", "partly", "prior_only"),
             "undetermined": [
-                entry(u, "parameters", "combinations", "state", "lacks=changes", "left_rms_um=left", "words")
+                entry(
+                    u,
+                    "parameters",
+                    "combinations",
+                    "state",
+                    "lacks=changes",
+                    "left_rms_um=displacement",
+                    "words",
+                )
                 for u in fit.undetermined
             ],
         },
