@@ -111,7 +111,7 @@ def propagated(stated: Stated) -> tuple[Propagated, ...]:
 
     def wide(by: np.ndarray) -> np.ndarray:
         out = np.zeros((size, by.shape[1]))
-        out[stated.own] = by
+        out[stated.index] = by
         return out
 
     plain = (*_noise(stated), *_certificates(stated.plain), *_priors(stated.plain))
@@ -226,7 +226,7 @@ def _priors(fitted: Estimate) -> Iterator[Propagated]:
 
 def _functions(stated: Stated) -> Iterator[Propagated]:
     """The functions of every family, then masses, with the biases of the parameters that they cause."""
-    extra = np.setdiff1d(np.arange(len(stated.wide.z)), stated.own)
+    extra = np.setdiff1d(np.arange(len(stated.wide.z)), stated.index)
     for name in stated.families:
         count = stated.slopes[name].shape[1]
         columns, extra = extra[:count], extra[count:]

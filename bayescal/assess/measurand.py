@@ -146,7 +146,7 @@ def parameter(basis: inputs.Basis, name: str) -> Measurand:
     k = names.index(name)
     sd = np.concatenate([plain.model.sd, *(b.sd for b in plain.model.states)])
     by_z = np.zeros((1, wide.model.size))
-    by_z[:, basis.stated.own] = sd[k] * basis.stated.limit[[k]]
+    by_z[:, basis.stated.index] = sd[k] * basis.stated.limit[[k]]
     value = float(plain.model.physical(plain.z)[k])
     return Measurand(PARAMETER, f"parameter {name}", plain.model.units[k], value, by_z)
 

@@ -119,65 +119,65 @@ def negative(parameters: Sequence[Parameter], deviations: np.ndarray, sd: np.nda
     )
 
 
-def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
+def bounded(fitted: Estimate) -> tuple[Estimate, Rigid]:
     """The estimate with positive parameters that are not negative, and what was changed.
 
     The estimate is unchanged if none is negative, or if one contradicts the bound together with others.
     """
-    model, count = found.model, len(found.model.parameters)
-    if not negative(model.parameters, found.arm, np.ones(count)):
-        return found, UNCHANGED
-    covariance = stated(found).limited[:count, :count]
+    model, count = fitted.model, len(fitted.model.parameters)
+    if not negative(model.parameters, fitted.arm, np.ones(count)):
+        return fitted, UNCHANGED
+    covariance = stated(fitted).limited[:count, :count]
     u = np.sqrt(np.diag(covariance)) * model.sd
-    below = negative(model.parameters, found.arm, u)
+    below = negative(model.parameters, fitted.arm, u)
     kept = {n.parameter for n in below if n.significant}
     within = [n.parameter for n in below if not n.significant]
-    together = chi2_sf(square(found, covariance, within), len(within)) if len(within) > 1 else 1.0
+    together = chi2_sf(square(fitted, covariance, within), len(within)) if len(within) > 1 else 1.0
     free = [k for k, p in enumerate(model.parameters) if p.positive and p.name not in kept]
-    at_zero = _at_zero(found, free) if together >= CHANCE else ()
-    out = found
+    at_zero = _at_zero(fitted, free) if together >= CHANCE else ()
+    out = fitted
     for _ in range(len(free)):
         if not at_zero:
-            return found, UNCHANGED
-        out = _fitted(found, at_zero)
+            return fitted, UNCHANGED
+        out = _fitted(fitted, at_zero)
         more = {n.parameter for n in negative(model.parameters, out.arm, np.ones(count))} - kept
         if not more:
             break
         at_zero = tuple(dict.fromkeys((*at_zero, *more)))
     held = tuple(
-        Negative(p.name, float(p.nominal + d), float(own), p.unit)
-        for p, d, own in zip(model.parameters, found.arm, u, strict=True)
+        Negative(p.name, float(p.nominal + d), float(sd), p.unit)
+        for p, d, sd in zip(model.parameters, fitted.arm, u, strict=True)
         if p.name in at_zero
     )
-    return out, Rigid(held, *_changed(found, out))
+    return out, Rigid(held, *_changed(fitted, out))
 
 
-def square(found: Estimate, covariance: np.ndarray, names: Sequence[str]) -> float:
+def square(fitted: Estimate, covariance: np.ndarray, names: Sequence[str]) -> float:
     """Chi-square of parameters against zero, by a covariance of z."""
-    at = [found.model.names.index(name) for name in names]
-    off = np.array([found.z[k] + found.model.parameters[k].centre / found.model.parameters[k].sd for k in at])
-    return float(off @ np.linalg.solve(covariance[np.ix_(at, at)], off)) if at else 0.0
+    index, p = [fitted.model.names.index(name) for name in names], fitted.model.parameters
+    off = np.array([fitted.z[k] + p[k].centre / p[k].sd for k in index])
+    return float(off @ np.linalg.solve(covariance[np.ix_(index, index)], off)) if index else 0.0
 
 
-def _at_zero(found: Estimate, free: Sequence[int]) -> tuple[str, ...]:
+def _at_zero(fitted: Estimate, free: Sequence[int]) -> tuple[str, ...]:
     """Parameters, of those at `free`, that are zero at the most probable values that are not negative."""
     if not free:  # of an empty matrix, nnls aborts the process
         return ()
-    p = found.model.parameters
+    p = fitted.model.parameters
     zero = np.array([-p[k].centre / p[k].sd for k in free])  # z of a part that is rigid
-    above = found.z[list(free)] - zero
-    own = found.covariance[np.ix_(free, free)]
-    factor = np.linalg.cholesky(np.linalg.inv(own)).T
+    above = fitted.z[list(free)] - zero
+    covariance = fitted.covariance[np.ix_(free, free)]
+    factor = np.linalg.cholesky(np.linalg.inv(covariance)).T
     best, _ = nnls(factor, factor @ above)
     return tuple(p[free[int(k)]].name for k in np.flatnonzero(best <= 0))
 
 
-def _fitted(found: Estimate, names: Sequence[str]) -> Estimate:
+def _fitted(fitted: Estimate, names: Sequence[str]) -> Estimate:
     """The fit again, of the same rows, with some parameters at zero; they stay unknowns of its model."""
-    model, noise = found.model, smallest_noise(found)
+    model, noise = fitted.model, smallest_noise(fitted)
     here = np.array([p.name in names for p in model.parameters])
     zero = np.array([-p.centre / p.sd for p in model.parameters])
-    z = found.z.copy()
+    z = fitted.z.copy()
     z[: len(here)][here] = zero[here]
     for _ in range(FITS):
         before = model.deviations(z[model.slices[ARM]])
@@ -189,13 +189,13 @@ def _fitted(found: Estimate, names: Sequence[str]) -> Estimate:
         start = z.copy()
         start[: len(here)][here] = 0.0
         bound = with_parameters(model.scene, model.effects, tight)
-        held = estimate(bound, start=start, left_out=found.rejected)
+        held = estimate(bound, start=start, left_out=fitted.rejected)
         z = held.z.copy()
         z[: len(here)][here] = zero[here]
         after = model.deviations(z[model.slices[ARM]])
         if moved(tool_points(model, before), tool_points(model, after)) < AT_REST * noise:
             break
-    return replace(at_solution(model, z, found.rejected), held=tuple(names))
+    return replace(at_solution(model, z, fitted.rejected), held=tuple(names))
 
 
 def _changed(before: Estimate, after: Estimate) -> tuple[float, float]:
@@ -260,20 +260,20 @@ def _add_contact(
         if coupling[j, r]
     ]
     motion = Motion(model.scene.chain, model.scene.q[row], model.scene.tools[row], terms, size + n)
-    own = replace(model.part(block, row), motion=motion)
+    contact = replace(model.part(block, row), motion=motion)
     sigma = scale * float(block.sigma[k])
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         arm = parts[0] if size else np.zeros(0)
         target = parts[-2] if block.size else np.zeros(0)
         values = np.concatenate([model.deviations(arm), parts[-1] * joint])
-        r, by_values, by_target = own.linearise(values, target)
+        r, by_values, by_target = contact.linearise(values, target)
         gradients = [by_values[:, :size] * model.sd / sigma] if size else []
         gradients += [by_target / sigma] if block.size else []
         return r / sigma, [*gradients, by_values[:, size:] * (joint / sigma)]
 
     names = ([ARM] if size else []) + ([block.target] if block.size else []) + [name]
-    graph.factor(names, own.kind.rows, function)
+    graph.factor(names, contact.kind.rows, function)
 
 
 def _at(term: Term, k: int) -> Term:

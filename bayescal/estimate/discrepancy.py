@@ -191,8 +191,8 @@ def mixed(parameters: Sequence[Parameter], mixing: np.ndarray) -> list[Parameter
             drivers[sites.index((t.frame, t.axis)), k] += p.sd * np.asarray(t.driver)
     every = mixing.T @ drivers  # (sites, K, N)
     return [
-        Parameter("", "1", tuple(Term(*site, own[k]) for site, own in zip(sites, every, strict=True)), 1.0,
-                  effect=MASSES)
+        Parameter("", "1", tuple(Term(*site, of_site[k]) for site, of_site in zip(sites, every, strict=True)),
+                  1.0, effect=MASSES)
         for k in range(mixing.shape[1])
     ]  # fmt: skip
 
@@ -210,7 +210,7 @@ class Stated:
 
     plain: Estimate
     wide: Estimate  # of a model with the functions as further parameters, at zero; covariance of all
-    own: np.ndarray  # (D,) places of the plain estimate's unknowns in z of the wide one
+    index: np.ndarray  # (D,) places of the plain estimate's unknowns in z of the wide one
     slopes: Mapping[str, np.ndarray]  # A (D, K) by family
     variances: Mapping[str, float]  # Lambda by family; 0 where the residuals show nothing
     white: float  # w
@@ -244,7 +244,7 @@ class Stated:
     @property
     def covariance(self) -> np.ndarray:
         """Stated covariance of the unknowns, (D, D), before the prior limits it."""
-        return self.wide.covariance[np.ix_(self.own, self.own)]
+        return self.wide.covariance[np.ix_(self.index, self.index)]
 
     @property
     def sd(self) -> np.ndarray:
@@ -263,27 +263,27 @@ class Stated:
         Deviations from the estimate are stretched to the covariance C P0 C + w S by the linear map that moves
         them least (optimal transport of normal distributions), and the functions' biases are added.
         """
-        plain, size = root(self.plain.covariance), len(self.wide.z) - len(self.own)
+        plain, size = root(self.plain.covariance), len(self.wide.z) - len(self.index)
         functions = balanced_normals(rng, len(z), size, z)
-        extra = np.setdiff1d(np.arange(len(self.wide.z)), self.own)
-        across = self.wide.covariance[np.ix_(self.own, extra)]
+        extra = np.setdiff1d(np.arange(len(self.wide.z)), self.index)
+        across = self.wide.covariance[np.ix_(self.index, extra)]
         target = self.covariance - across @ across.T
         # in coordinates in which the plain covariance is one, the map is the root of the target's
         inverse = np.linalg.pinv(plain)
         stretch = plain @ _symmetric_root(inverse @ target @ inverse.T) @ inverse
         out = np.zeros((len(z), len(self.wide.z)))
         out[:, extra] = functions
-        out[:, self.own] = self.plain.z + (z - self.plain.z) @ stretch.T + functions @ across.T
+        out[:, self.index] = self.plain.z + (z - self.plain.z) @ stretch.T + functions @ across.T
         return out
 
     def reported(self, draws: np.ndarray) -> np.ndarray:
         """Draws (S, D) of the plain estimate's unknowns, from `draws`, no wider than the prior."""
-        return self.plain.z + (draws[:, self.own] - self.plain.z) @ self.limit.T
+        return self.plain.z + (draws[:, self.index] - self.plain.z) @ self.limit.T
 
-    def remaining(self, left: Unexplained) -> Unexplained:
+    def remaining(self, residuals: Unexplained) -> Unexplained:
         """Unexplained residual without the part that the discrepancy explains."""
-        square = left.excess**2 - (1.0 - self.white) * left.fitted**2
-        return replace(left, excess=float(np.sqrt(max(square, 0.0))))
+        square = residuals.excess**2 - (1.0 - self.white) * residuals.fitted**2
+        return replace(residuals, excess=float(np.sqrt(max(square, 0.0))))
 
     @property
     def limit(self) -> np.ndarray:
@@ -327,9 +327,9 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     )
     a = a[:, : len(family)]
     # in place: of a large session the columns are the largest array
-    h, left = errors.without(g[:, : len(family)], g[:, len(family) :], e)
+    h, residual = errors.without(g[:, : len(family)], g[:, len(family) :], e)
     level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(names), 1)
-    shown, chance = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
+    shown, chance = variances(h, residual, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
     explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
     size = np.maximum(UNSEEN * shown, [fitted.least.get(name, 0.0) for name in names])
@@ -343,22 +343,22 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     }
     del g, h  # of a large session more than all that follows
     further = [*(sized(every(), sizes) if len(kept) else ()), *mixed(held, errors.mixing)]
-    wide, own, extra = model_with(model, further)
+    wide, index, extra = model_with(model, further)
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
-    z[own] = fitted.z
+    z[index] = fitted.z
     bias = a[:, kept] * sd
     noise, of = scatter_factor(c, j, e, pose)
     noise = np.sqrt(white) * noise
     least = complement(by, noise @ noise.T + bias @ bias.T)
     noise, of = np.concatenate([noise, least], axis=1), np.concatenate([of, np.arange(len(j))])
     bias = np.concatenate([bias, errors.slopes @ errors.mixing], axis=1)
-    covariance[np.ix_(own, own)] = c - by.T @ by + noise @ noise.T + bias @ bias.T
-    covariance[np.ix_(own, extra)] = -bias
-    covariance[np.ix_(extra, own)] = -bias.T
+    covariance[np.ix_(index, index)] = c - by.T @ by + noise @ noise.T + bias @ bias.T
+    covariance[np.ix_(index, extra)] = -bias
+    covariance[np.ix_(extra, index)] = -bias.T
     covariance[extra, extra] = 1.0
     slopes = {name: a[:, family == k] for k, name in enumerate(names)}
     widened = replace(fitted, model=wide, z=z, covariance=covariance)
-    return Stated(fitted, widened, own, slopes, sizes, white, noise, rows[of], dof, errors,
+    return Stated(fitted, widened, index, slopes, sizes, white, noise, rows[of], dof, errors,
                   dict(zip(names, chance.tolist(), strict=True)))  # fmt: skip
 
 

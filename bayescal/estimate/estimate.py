@@ -62,19 +62,20 @@ class Secants:
         took : mapping
             Compliances that the last fit took; none if it took typical ones.
         """
-        found = scene.compliances
-        kept = [(a, b) for a, b in (*self.history, (took, found)) if a.keys() >= found.keys() <= b.keys()]
+        compliances = scene.compliances
+        every = (*self.history, (took, compliances))
+        kept = [(a, b) for a, b in every if a.keys() >= compliances.keys() <= b.keys()]
         now = Secants(tuple(kept))
         if len(kept) < 2:
             return scene, now
-        x, g = (np.array([[pair[k][name] for name in found] for pair in kept]) for k in (0, 1))
+        x, g = (np.array([[pair[k][name] for name in compliances] for pair in kept]) for k in (0, 1))
         size = np.max(np.abs(g), axis=0) + np.finfo(float).tiny
-        left = (g - x) / size
-        share = np.linalg.lstsq(np.diff(left, axis=0).T, left[-1], rcond=1e-6)[0]
+        residual = (g - x) / size
+        share = np.linalg.lstsq(np.diff(residual, axis=0).T, residual[-1], rcond=1e-6)[0]
         mixed = g[-1] - share @ np.diff(g, axis=0)
         assert scene.stance is not None
-        known = dict(zip(found, mixed.tolist(), strict=True))
-        return scene.posed_at(scene.stance, known), now
+        values = dict(zip(compliances, mixed.tolist(), strict=True))
+        return scene.posed_at(scene.stance, values), now
 
 
 ROUNDS = 25
@@ -145,27 +146,27 @@ def calibrated(scene: Scene, effects: tuple[str, ...], options: FitOptions = USU
     BayescalError
         As `estimate`, or if the poses of the fits do not converge.
     """
-    found = estimate(build(scene, effects, options), options.robust)
+    fitted = estimate(build(scene, effects, options), options.robust)
     if not effects or scene.moments is None:
-        return found
+        return fitted
     secants = Secants()
     for fits in range(1, FITS):
-        model, before, values = build(settled(found), effects, options), found.model, found.arm
+        model, before, values = build(settled(fitted), effects, options), fitted.model, fitted.arm
         now = by_name(model, values, before)
-        step, noise = moved(tool_points(before, values), tool_points(model, now)), smallest_noise(found)
+        step, noise = moved(tool_points(before, values), tool_points(model, now)), smallest_noise(fitted)
         # a moment that is zero where the arm is nominal has a compliance where it stands
         rests = step < max(STILL, AT_REST * noise) and model.names == before.names
         if same_motion(before, model) or rests:
-            return replace(found, model=model, linear=linearise(model, found.z, found.weights))
+            return replace(fitted, model=model, linear=linearise(model, fitted.z, fitted.weights))
         if acts(model.parameters):
             there, secants = secants.next(model.scene, before.scene.compliances)
             model = build(there, effects, options)
-        known = dict(zip(before.names, found.z.tolist(), strict=True))
-        start = np.array([known.get(name, 0.0) for name in model.names])
-        rejected = None if fits == 1 else found.rejected
-        found = estimate(model, options.robust, start, rejected)
+        previous = dict(zip(before.names, fitted.z.tolist(), strict=True))
+        start = np.array([previous.get(name, 0.0) for name in model.names])
+        rejected = None if fits == 1 else fitted.rejected
+        fitted = estimate(model, options.robust, start, rejected)
     if step < MOVES * noise:
-        return found
+        return fitted
     what = f"deflections by gravity still change by {1e6 * step:.3g} µm between fits, after {FITS} of them"
     raise BayescalError(what, "compliance", "check masses (kg), payload (kg) and gravity (m/s2)")
 
@@ -196,13 +197,14 @@ def at_solution(model: Model, z: np.ndarray, rejected: np.ndarray) -> Estimate:
 def unfitted(model: Model, z: np.ndarray, covariance: np.ndarray | None = None) -> Estimate:
     """A model at z (D,), with the stated noise, as if it were fitted; the covariance is that of the prior."""
     weights = unit_weights(model, z)
-    linear, known = linearise(model, z, weights), np.eye(model.size) if covariance is None else covariance
-    return Estimate(model, z, known, weights, linear, 0, np.zeros(0, int), {})
+    covariance = np.eye(model.size) if covariance is None else covariance
+    linear = linearise(model, z, weights)
+    return Estimate(model, z, covariance, weights, linear, 0, np.zeros(0, int), {})
 
 
-def smallest_noise(found: Estimate) -> float:
+def smallest_noise(fitted: Estimate) -> float:
     """Smallest standard uncertainty of a fitted residual, m, of lengths."""
-    w, lengths = found.weights, [b for b in found.model.blocks if b.group != ORIENTATION]
+    w, lengths = fitted.weights, [b for b in fitted.model.blocks if b.group != ORIENTATION]
     return min(float(np.min(w.sigma[b.name])) * w.scale[b.group] for b in lengths)
 
 
@@ -304,10 +306,10 @@ def check_converged(
     `suspects` are contradictions in the session, which the message then names as the probable reason.
     """
     step = covariance @ (linear.jacobian.T @ linear.residual + z)
-    left = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
-    if not left < LARGEST_STEP:
-        short = f"{left:.2g} standard deviations short of its optimum"
-        what = f"the fit stopped {short if np.isfinite(left) else 'without a solution'}"
+    distance = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
+    if not distance < LARGEST_STEP:
+        short = f"{distance:.2g} standard deviations short of its optimum"
+        what = f"the fit stopped {short if np.isfinite(distance) else 'without a solution'}"
         reasons = "the robot file, the units of the readings and the nominal positions of the targets"
         raise BayescalError(what, "dataset.yaml", f"check {'; '.join(suspects[:1]) or reasons}")
 
@@ -345,11 +347,11 @@ def check_enough(scene: Scene) -> None:
     z = np.zeros(model.size)
     jacobian = linearise(model, z, unit_weights(model, z)).jacobian
     located = _determined(jacobian)
-    left = numbers - (located - _determined(jacobian[numbers:]))
-    if left > joints - 0.5:
+    spare = numbers - (located - _determined(jacobian[numbers:]))
+    if spare > joints - 0.5:
         return
     rows = len(scene.rows("calibrate"))
-    needed = rows + ceil((joints - left + model.size - located) * rows / numbers - 1e-3)
+    needed = rows + ceil((joints - spare + model.size - located) * rows / numbers - 1e-3)
     word = "row has" if rows == 1 else "rows have"
     raise BayescalError(
         f"{rows} {word} the role calibrate: too few for {joints} joints and {len(model.states)} targets "

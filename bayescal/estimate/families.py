@@ -91,7 +91,7 @@ def families(c: Circumstances) -> list[Family]:
             for _, share, values in shapes(f)
         ],
     }
-    return [Family(name, tuple(own)) for name, own in every.items() if own]
+    return [Family(name, tuple(parameters)) for name, parameters in every.items() if parameters]
 
 
 def _parameter(site: Site, driver: Driver, terms: tuple[Term, ...], sd: float) -> Parameter:
@@ -160,9 +160,9 @@ def _changes(c: Circumstances) -> Iterator[tuple[str, Iterator[Parameter]]]:
         yield f"{name} of joints", (p for j in every for p in _turns(c, j, drivers, 0, name))
         yield f"{name} of the base", _frame(BASE, 0, Driver(name), drivers)
         for t in c.fitted_tools:
-            own = (c.tool == t).astype(float)
+            with_tool = (c.tool == t).astype(float)
             tool = f"tool {c.tool_names[t]}" if len(c.fitted_tools) > 1 else "the tool"
-            changes = _frame(TOOL, c.chain.n + 1, Driver(name), [own * d for d in drivers], "t")
+            changes = _frame(TOOL, c.chain.n + 1, Driver(name), [with_tool * d for d in drivers], "t")
             yield f"{name} of {tool}", changes
 
 
@@ -199,12 +199,12 @@ def poses(m: Measurements, rows: np.ndarray) -> np.ndarray:
 
     rows = np.asarray(rows, int)
     columns = list(_labels(m, rows))
-    label = np.concatenate([own + len(rows) * k for k, (_, own) in enumerate(columns, start=1)])
-    at = np.concatenate([member for member, _ in columns])
+    label = np.concatenate([number + len(rows) * k for k, (_, number) in enumerate(columns, start=1)])
+    index = np.concatenate([member for member, _ in columns])
     size = len(rows) * (len(columns) + 1)
-    joined = coo_array((np.ones(len(at)), (at, label)), shape=(size, size))
-    found = connected_components(joined, directed=False)[1][: len(rows)]
-    return np.unique(found, return_inverse=True)[1]
+    joined = coo_array((np.ones(len(index)), (index, label)), shape=(size, size))
+    component = connected_components(joined, directed=False)[1][: len(rows)]
+    return np.unique(component, return_inverse=True)[1]
 
 
 def stops_of(scene: Scene, rows: np.ndarray) -> np.ndarray:
@@ -214,8 +214,8 @@ def stops_of(scene: Scene, rows: np.ndarray) -> np.ndarray:
     """
     m = scene.dataset.measurements
     touching = np.array([kind.touched for kind in scene.declared])[m.target[rows]]
-    own = len(rows) + np.arange(len(rows))
-    return np.unique(np.where(touching, own, poses(m, rows)), return_inverse=True)[1]
+    of_contact = len(rows) + np.arange(len(rows))
+    return np.unique(np.where(touching, of_contact, poses(m, rows)), return_inverse=True)[1]
 
 
 def _labels(m: Measurements, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -223,10 +223,10 @@ def _labels(m: Measurements, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.
     yield np.arange(len(rows)), _numbers(m.readings[rows])
     for given in (m.stop, m.repeat):
         if given is not None:
-            own = given[rows].astype(str)
-            has = np.flatnonzero(own != "")
+            labels = given[rows].astype(str)
+            has = np.flatnonzero(labels != "")
             # one label of a repeat is of one target and of one stop of the arm alike
-            yield has, _numbers(own[has])
+            yield has, _numbers(labels[has])
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
@@ -247,8 +247,8 @@ def with_compliances(c: Circumstances, fitted: Estimate) -> Circumstances:
 
 def compliant(c: Circumstances, model: Model, values: np.ndarray) -> Circumstances:
     """Circumstances with the compliances of a model for deviations (P,) of its arm, SI."""
-    found = dict(compliances(model.parameters, values))
+    by_name = dict(compliances(model.parameters, values))
     for p in model.parameters:
         if p.effect == COMPLIANCE.name:
-            found[p.name] = max(found[p.name], LEAST * p.centre)
-    return replace(c, compliances=found)
+            by_name[p.name] = max(by_name[p.name], LEAST * p.centre)
+    return replace(c, compliances=by_name)

@@ -30,9 +30,9 @@ def linearised_with(
     at_once = max(MOST_VALUES // len(used), 1)
     for start in range(0, max(len(every), 1), at_once):
         some, every[:at_once] = every[:at_once], []
-        linear, own, extra = widened(fitted, some)
+        linear, index, extra = widened(fitted, some)
         columns[:, start : start + at_once] = linear.jacobian[: len(used), extra][used]
-    mine = linear.jacobian[: len(used)][used][:, own]
+    mine = linear.jacobian[: len(used)][used][:, index]
     return mine, columns, linear.residual[: len(used)][used], rows[used]
 
 
@@ -50,10 +50,10 @@ def _used(fitted: Estimate) -> np.ndarray:
 
 def widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:
     """A fit with further parameters at zero, linearised; places of its own and of the further unknowns."""
-    wide, own, extra = model_with(fitted.model, some)
+    wide, index, extra = model_with(fitted.model, some)
     z = np.zeros(wide.size)
-    z[own] = fitted.z
-    return linearise(wide, z, fitted.weights), own, extra
+    z[index] = fitted.z
+    return linearise(wide, z, fitted.weights), index, extra
 
 
 def model_with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:

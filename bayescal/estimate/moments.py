@@ -53,10 +53,10 @@ def variances(
     if not count or dof <= 0:
         return out, np.ones(count)
     nu, products, score = len(e) / dof, np.zeros((h.shape[1],) * 2), np.zeros(h.shape[1])
-    for at in of_equal_size(pose):
-        own = np.sum(h[at] * e[at][..., None], axis=1)  # of each pose
-        products += nu * own.T @ own
-        score += np.sum(own, axis=0)
+    for index in of_equal_size(pose):
+        pose_scores = np.sum(h[index] * e[index][..., None], axis=1)  # of each pose
+        products += nu * pose_scores.T @ pose_scores
+        score += np.sum(pose_scores, axis=0)
     expected = (h.T @ h) ** 2 - within_poses(h, pose)
     member = (family == np.arange(count)[:, None]).astype(float)  # (F, K)
     total, noise = member @ score**2, member @ np.diag(products)
@@ -87,12 +87,12 @@ def degrees_of_freedom(h: np.ndarray) -> float:
 def within_poses(h: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Sum over the poses of (H_pk' H_pl)^2, (K, K)."""
     out = np.zeros((h.shape[1], h.shape[1]))
-    for at in of_equal_size(pose):
-        if at.shape[1] == 1:  # all poses in one product
-            square = h[at[:, 0]] ** 2
+    for index in of_equal_size(pose):
+        if index.shape[1] == 1:  # all poses in one product
+            square = h[index[:, 0]] ** 2
             out += square.T @ square
             continue
-        for rows in at:
+        for rows in index:
             out += (h[rows].T @ h[rows]) ** 2
     return out
 
@@ -148,16 +148,16 @@ def scatter_factor(
     if count < 2:
         return by.T, np.arange(len(by))
     delta, first = np.zeros((count, len(c))), np.zeros(count, int)
-    for at in of_equal_size(pose):
-        own = by[at]  # (poses, k, D)
-        left = np.eye(at.shape[1]) - own @ np.swapaxes(j[at], 1, 2)
-        values, vectors = np.linalg.eigh(0.5 * (left + np.swapaxes(left, 1, 2)))
+    for index in of_equal_size(pose):
+        changes = by[index]  # (poses, k, D)
+        redundancy = np.eye(index.shape[1]) - changes @ np.swapaxes(j[index], 1, 2)
+        values, vectors = np.linalg.eigh(0.5 * (redundancy + np.swapaxes(redundancy, 1, 2)))
         # a pose that alone determines a direction has no residual there: nothing to divide
         inverse = np.where(values > SMALLEST, np.maximum(values, SMALLEST) ** -0.5, 1.0)
-        rotated = np.swapaxes(vectors, 1, 2) @ e[at][..., None]
-        which = pose[at[:, 0]]
-        delta[which] = np.sum(own * (vectors @ (inverse[..., None] * rotated)), axis=1)
-        first[which] = at[:, 0]
+        rotated = np.swapaxes(vectors, 1, 2) @ e[index][..., None]
+        which = pose[index[:, 0]]
+        delta[which] = np.sum(changes * (vectors @ (inverse[..., None] * rotated)), axis=1)
+        first[which] = index[:, 0]
     share = 1.0 if by_chance(delta, by) else min(float(np.sum(by * j)) / count, 1.0)
     factor = max(float(np.sum(delta**2)) / float(np.sum(by**2)), 1.0)
     columns = np.concatenate([np.sqrt(1.0 - share) * delta, np.sqrt(share * factor) * by])

@@ -114,7 +114,7 @@ def rejected(
     rows: np.ndarray | int,
     scale: np.ndarray | float = 1.0,
     dof: float = np.inf,
-    own: np.ndarray | bool = False,
+    included: np.ndarray | bool = False,
     worth: float = 0.0,
 ) -> np.ndarray:
     """Which measurements (C,) are outliers: those that noise exceeds `FALSE_REJECTIONS` times a session.
@@ -129,7 +129,7 @@ def rejected(
         Of the noise.
     dof : float
         Degrees of freedom that the scale stands on; infinite where it is known.
-    own : np.ndarray of bool, shape (C,), or bool
+    included : np.ndarray of bool, shape (C,), or bool
         Whether the scale was estimated with the measurement itself, which is then taken out of it.
     worth : float
         Degrees of freedom that the stated noise (scale 1) has in addition, unless the scale contradicts it.
@@ -140,10 +140,10 @@ def rejected(
         return size > limit(rows)
     if worth:
         worth = worth if np.all(fdtrc(dof, worth, np.square(scale)) > CONTRADICTED) else 0.0
-    rest = np.maximum(dof - rows * own, 1e-3) + worth
+    dof_others = np.maximum(dof - rows * included, 1e-3) + worth
     # what a row takes up is shared by prior and other groups: without it less than nothing may seem left
-    left = np.maximum(dof - size * own, 1e-12) + worth / scale**2
-    return fdtrc(rows, rest, size / rows * rest / left) < level
+    chi2_others = np.maximum(dof - size * included, 1e-12) + worth / scale**2
+    return fdtrc(rows, dof_others, size / rows * dof_others / chi2_others) < level
 
 
 def detectable(rows: int, dof: float, count: int) -> float:
@@ -158,8 +158,8 @@ def detectable(rows: int, dof: float, count: int) -> float:
     count : int
         Measurements of the noise group.
     """
-    rest = max(dof - rows, 1e-3) + STATED_WORTH
-    return float(f_noncentrality(POWER, rows, rest, f_isf(FALSE_REJECTIONS / count, rows, rest)))
+    dof_others = max(dof - rows, 1e-3) + STATED_WORTH
+    return float(f_noncentrality(POWER, rows, dof_others, f_isf(FALSE_REJECTIONS / count, rows, dof_others)))
 
 
 @dataclass(frozen=True)
@@ -245,11 +245,11 @@ def judged(
     for group, blocks in by_group(model).items():
         parts = []
         for b in blocks:
-            at, count = linear.of_block[b.name], len(b.rows)
-            r = linear.residual[at].reshape(-1, count).T * weights.scale[group]
+            rows, count = linear.of_block[b.name], len(b.rows)
+            r = linear.residual[rows].reshape(-1, count).T * weights.scale[group]
             shape = (r.shape[1], count, model.size)  # a model without unknowns has no columns
-            solved = (linear.jacobian[at] @ covariance).reshape(shape)
-            leverage = np.einsum("icd,jcd->cij", solved, linear.jacobian[at].reshape(shape))
+            solved = (linear.jacobian[rows] @ covariance).reshape(shape)
+            leverage = np.einsum("icd,jcd->cij", solved, linear.jacobian[rows].reshape(shape))
             parts.append((r, leverage, weights.row[b.name]))
         out[group] = Judged.of(parts)
     return out
@@ -261,19 +261,21 @@ def without_outliers(
     """Student t reweighting until the fit rests, then the measurements that are rejected left out."""
     z, covariance, iterations = solve(model, weights, z, evaluations)
     for _ in range(ROUNDS):
-        found = judged(model, z, weights, covariance(), evaluations)
-        row = {g: own.student_weights() for g, own in found.items()}
-        weights, before = _reweighted(model, weights, row, found), z
+        judgements = judged(model, z, weights, covariance(), evaluations)
+        row = {g: of_group.student_weights() for g, of_group in judgements.items()}
+        weights, before = _reweighted(model, weights, row, judgements), z
         z, covariance, more = solve(model, weights, z, evaluations)
         iterations += more
         if np.max(np.abs(z - before), initial=0.0) < 1e-3:
             break
     for _ in range(HARD_ROUNDS):
-        found = judged(model, z, weights, covariance(), evaluations)
+        judgements = judged(model, z, weights, covariance(), evaluations)
         # leverage at another scale misjudges where priors determine as much as contacts: fit at it first
-        changed = any(own.rescales(weights.scale[g]) for g, own in found.items())
-        row = {g: own.weight if changed else 1.0 - own.outliers() for g, own in found.items()}
-        old, weights = weights, _reweighted(model, weights, row, found)
+        changed = any(of_group.rescales(weights.scale[g]) for g, of_group in judgements.items())
+        row = {
+            g: of_group.weight if changed else 1.0 - of_group.outliers() for g, of_group in judgements.items()
+        }
+        old, weights = weights, _reweighted(model, weights, row, judgements)
         if not changed and all(np.array_equal(w, old.row[name]) for name, w in weights.row.items()):
             break
         z, covariance, more = solve(model, weights, z, evaluations)
@@ -282,11 +284,11 @@ def without_outliers(
 
 
 def _reweighted(
-    model: Model, weights: Weights, row: Mapping[str, np.ndarray], found: Mapping[str, Judged]
+    model: Model, weights: Weights, row: Mapping[str, np.ndarray], judgements: Mapping[str, Judged]
 ) -> Weights:
     """Weights with those of measurements by noise group, and the groups' scales."""
     of_block: dict[str, np.ndarray] = {}
     for group, blocks in by_group(model).items():
         ends = np.cumsum([len(b.rows) for b in blocks])[:-1]
         of_block |= {b.name: w for b, w in zip(blocks, np.split(row[group], ends), strict=True)}
-    return replace(weights, row=of_block, scale={g: own.scale for g, own in found.items()})
+    return replace(weights, row=of_block, scale={g: of_group.scale for g, of_group in judgements.items()})

@@ -46,7 +46,7 @@ class Scatter:
     """
 
     u: float  # of the readings; over the noise of a corner, of errors of the image itself
-    known: float  # of the readings: stated, or that of the steps in which they are written
+    prior_u: float  # of the readings: stated, or that of the steps in which they are written
     nats: float
     unit: str = "rad"
     power: int | None = None  # of errors of the image itself: that of the place in it up to which they go
@@ -58,10 +58,10 @@ class Scatter:
             of = ("the same for all corners", "linear in their place", "smooth over its corners")[self.power]
             return f"every image has an error of its own, {of}"
         by, unit = (np.degrees(1.0), "deg") if self.unit == "rad" else (1e3, "mm")
-        known = f"{by * self.known:.2g} known" if self.known > NONE * self.u else "none known"
+        prior_words = f"{by * self.prior_u:.2g} known" if self.prior_u > NONE * self.u else "none known"
         return (
             f"every image has an error of its own, as of readings with an uncertainty of {by * self.u:.2g} "
-            f"{unit} ({known})"
+            f"{unit} ({prior_words})"
         )
 
     @property
@@ -70,26 +70,26 @@ class Scatter:
         return self.nats > LEAST
 
 
-def scatter_of(found: Estimate) -> Scatter | None:
+def scatter_of(fitted: Estimate) -> Scatter | None:
     """The errors of the readings of images beyond the stated ones; None where a fit shows none."""
-    scene, blocks = found.model.scene, found.model.blocks
+    scene, blocks = fitted.model.scene, fitted.model.blocks
     if scene.dataset.noise.field > 0 or not blocks or not all(scene.in_images[b.rows].all() for b in blocks):
         return None
     stated, share = scene.dataset.reading_noise
-    slices, coupling = found.model.slices, scene.dataset.robot.link_from_reading * share
+    slices, coupling = fitted.model.slices, scene.dataset.robot.link_from_reading * share
     by = {
         b.name: Shared.of(
-            b.by_readings(found.arm, found.z[slices[b.target]], coupling),
+            b.by_readings(fitted.arm, fitted.z[slices[b.target]], coupling),
             scene.dataset.measurements.readings[b.rows],
         )
         for b in blocks
     }
-    noise = rms(np.concatenate([found.weights.scale[b.group] * b.sigma for b in blocks]))
+    noise = rms(np.concatenate([fitted.weights.scale[b.group] * b.sigma for b in blocks]))
     unit = noise / max(rms(np.concatenate([np.linalg.norm(x.by, axis=1) for x in by.values()])), 1e-300)
-    known = max(stated, _step(scene) / float(np.sqrt(12.0)))  # what is stated is often that of the steps
-    evaluations = Evaluations(found.model)
-    evidence = partial(_log_evidence, found, by, evaluations)
-    tried = np.append(known, unit * RATIOS[unit * RATIOS > known])
+    prior_u = max(stated, _step(scene) / float(np.sqrt(12.0)))  # what is stated is often that of the steps
+    evaluations = Evaluations(fitted.model)
+    evidence = partial(_log_evidence, fitted, by, evaluations)
+    tried = np.append(prior_u, unit * RATIOS[unit * RATIOS > prior_u])
     nats, plain = np.array([evidence(u) for u in tried]), evidence(stated)
     best = int(np.argmax(nats))
     u, most = float(tried[best]), float(nats[best])
@@ -99,25 +99,25 @@ def scatter_of(found: Estimate) -> Scatter | None:
         most = evidence(u)
     if most - nats[0] > LEAST:
         slides = scene.dataset.robot.slides.all()
-        readings = Scatter(u, known, most - float(nats[0]), "m" if slides else "rad")
-        every = [readings, *_of_images(found, evaluations, known, float(nats[0]))]
+        readings = Scatter(u, prior_u, most - float(nats[0]), "m" if slides else "rad")
+        every = [readings, *_of_images(fitted, evaluations, prior_u, float(nats[0]))]
         return max(every, key=lambda s: s.nats)
-    return Scatter(known, known, 0.0) if nats[0] - plain > LEAST else None
+    return Scatter(prior_u, prior_u, 0.0) if nats[0] - plain > LEAST else None
 
 
-def _of_images(found: Estimate, evaluations: Evaluations, known: float, nats: float) -> Iterator[Scatter]:
+def _of_images(fitted: Estimate, evaluations: Evaluations, prior_u: float, nats: float) -> Iterator[Scatter]:
     """Errors of images themselves, of each power, with the evidence beyond that of the readings, `nats`."""
-    scene = found.model.scene
+    scene = fitted.model.scene
     for power in range(POWERS):
-        by = {b.name: of_images(scene, b, power) for b in found.model.blocks}
+        by = {b.name: of_images(scene, b, power) for b in fitted.model.blocks}
         readings = scene.dataset.measurements.readings
-        shared = {b.name: Shared.of(by[b.name], readings[b.rows]) for b in found.model.blocks}
-        each = np.array([_log_evidence(found, shared, evaluations, u) for u in FIELDS])
+        shared = {b.name: Shared.of(by[b.name], readings[b.rows]) for b in fitted.model.blocks}
+        each = np.array([_log_evidence(fitted, shared, evaluations, u) for u in FIELDS])
         best = min(max(int(np.argmax(each)), 1), len(FIELDS) - 2)
         near = slice(best - 1, best + 2)
         u = float(np.exp(_top(np.log(FIELDS[near]), each[near])))
         if each[best] == np.max(each):
-            yield Scatter(u, known, float(_log_evidence(found, shared, evaluations, u) - nats), "", power)
+            yield Scatter(u, prior_u, float(_log_evidence(fitted, shared, evaluations, u) - nats), "", power)
 
 
 def _step(scene: Scene) -> float:
@@ -138,7 +138,7 @@ def with_scatter(scene: Scene, scatter: Scatter) -> Scene:
     noise, (stated, share) = scene.dataset.noise, scene.dataset.reading_noise
     slides = scene.dataset.robot.slides
     if scatter.power is not None:
-        noise = replace(noise, joint=scatter.known, field=scatter.u, power=scatter.power)
+        noise = replace(noise, joint=scatter.prior_u, field=scatter.u, power=scatter.power)
     elif slides.all():
         noise = replace(noise, slide=scatter.u)
     else:
@@ -148,7 +148,7 @@ def with_scatter(scene: Scene, scatter: Scatter) -> Scene:
 
 
 def scattered(
-    scene: Scene, fitted: Callable[[Scene], Widened], known: bool = False
+    scene: Scene, fitted: Callable[[Scene], Widened], prior_only: bool = False
 ) -> tuple[Scene, Widened, Scatter | None]:
     """A fit that weighs images by the errors that each has anew, the scene with these, and the errors.
 
@@ -159,40 +159,40 @@ def scattered(
     scene : Scene
     fitted : callable
         Fits a scene.
-    known : bool
+    prior_only : bool
         Weigh images by what is known of their readings alone.
     """
     base = fitted(scene)
-    found = scatter_of(base[0])
-    more = None if known and found is not None and found.beyond else found
+    scatter = scatter_of(base[0])
+    more = None if prior_only and scatter is not None and scatter.beyond else scatter
     for _ in range(FITS):
-        if more is None or found is None:
+        if more is None or scatter is None:
             break
         scene = with_scatter(scene, more)
         base = fitted(scene)
-        found = replace(found, u=more.u)
-        more = scatter_of(base[0]) if found.beyond else None
-    return scene, base, found
+        scatter = replace(scatter, u=more.u)
+        more = scatter_of(base[0]) if scatter.beyond else None
+    return scene, base, scatter
 
 
-def _log_evidence(found: Estimate, by: Mapping[str, Shared], evaluations: Evaluations, u: float) -> float:
+def _log_evidence(fitted: Estimate, by: Mapping[str, Shared], evaluations: Evaluations, u: float) -> float:
     """Log evidence of a standard uncertainty of the readings, at the most probable noise of the corners.
 
     `by` are the slopes of the residuals of each block by the readings.
     """
-    model, row, out = found.model, found.weights.row, 0.0
+    model, row, out = fitted.model, fitted.weights.row, 0.0
     sigma, shared, count = dict[str, np.ndarray](), dict[str, Shared](), 0
     for b in model.blocks:
         each = by[b.name]
-        sigma[b.name] = own = np.hypot(np.tile(b.sigma, b.kind.rows), u * np.linalg.norm(each.by, axis=1))
-        shared[b.name] = replace(each, by=u * each.by / own[:, None])
+        sigma[b.name] = noise = np.hypot(np.tile(b.sigma, b.kind.rows), u * np.linalg.norm(each.by, axis=1))
+        shared[b.name] = replace(each, by=u * each.by / noise[:, None])
         kept = np.tile(row[b.name] > 0, b.kind.rows)
-        out += shared[b.name][kept].decorrelated().log_det - float(np.sum(np.log(own[kept])))
+        out += shared[b.name][kept].decorrelated().log_det - float(np.sum(np.log(noise[kept])))
         count += int(np.sum(kept))
     weights = replace(
-        found.weights, sigma=sigma, shared=shared, scale=dict.fromkeys(found.weights.scale, 1.0)
+        fitted.weights, sigma=sigma, shared=shared, scale=dict.fromkeys(fitted.weights.scale, 1.0)
     )
-    linear, z = linearise(model, found.z, weights, evaluations), found.z
+    linear, z = linearise(model, fitted.z, weights, evaluations), fitted.z
     ends = max(part.stop for part in linear.of_block.values())
     (j, fixed), (r, other) = ((x[:ends], x[ends:]) for x in (linear.jacobian, linear.residual))
     gram, score, scale = j.T @ j, j.T @ r, 1.0
@@ -205,6 +205,7 @@ def _log_evidence(found: Estimate, by: Mapping[str, Shared], evaluations: Evalua
         before, scale = scale, (STATED_WORTH + chi2) / (STATED_WORTH + count - taken)
         if abs(np.log(scale / before)) < 1e-6:
             break
-    rest = float(other @ other + z @ z + 2.0 * push @ step + step @ prior @ step)
-    out -= 0.5 * (chi2 / scale + count * float(np.log(scale)) + rest) + float(np.sum(np.log(np.diag(factor))))
+    prior_chi2 = float(other @ other + z @ z + 2.0 * push @ step + step @ prior @ step)
+    half_log_det = float(np.sum(np.log(np.diag(factor))))
+    out -= 0.5 * (chi2 / scale + count * float(np.log(scale)) + prior_chi2) + half_log_det
     return out - 0.5 * STATED_WORTH * (float(np.log(scale)) + 1.0 / scale)

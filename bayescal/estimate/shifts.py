@@ -58,15 +58,15 @@ def shifts(
     precision = np.linalg.inv(covariance)
     out: list[Shift] = []
     free: list[int] = []
-    at = np.linalg.solve(information + precision, score + precision @ mean)
-    told = precision - precision @ np.linalg.solve(information + precision, precision)
-    pull = precision @ (at - mean)
+    posterior = np.linalg.solve(information + precision, score + precision @ mean)
+    mean_information = precision - precision @ np.linalg.solve(information + precision, precision)
+    pull = precision @ (posterior - mean)
     for _ in range(min(most, len(mean))):
-        own, gradient = told, pull
+        reduced, gradient = mean_information, pull
         if free:
-            by = np.linalg.solve(told[np.ix_(free, free)], told[free]).T
-            own, gradient = told - by @ told[free], pull - by @ pull[free]
-        size = np.maximum(np.diag(own), LEAST_TOLD)
+            by = np.linalg.solve(mean_information[np.ix_(free, free)], mean_information[free]).T
+            reduced, gradient = mean_information - by @ mean_information[free], pull - by @ pull[free]
+        size = np.maximum(np.diag(reduced), LEAST_TOLD)
         ratio = gradient / np.sqrt(size)
         ratio[free] = 0.0
         k = int(np.argmax(np.abs(ratio)))

@@ -86,13 +86,13 @@ def unit_weights(model: Model, z: np.ndarray) -> Weights:
     """Full weight for every contact, at its stated noise, plus the errors that residuals share, at z."""
     sigma, shared = {}, {}
     for block in model.blocks:
-        own, by = np.tile(block.sigma, block.kind.rows), shared_errors(model, z, block)
+        noise, by = np.tile(block.sigma, block.kind.rows), shared_errors(model, z, block)
         if by.shape[1]:
-            own = np.sqrt(own**2 + np.sum(by**2, axis=1))
+            noise = np.sqrt(noise**2 + np.sum(by**2, axis=1))
             if model.scene.in_images[block.rows].all():
                 readings = model.scene.dataset.measurements.readings[block.rows]
-                shared[block.name] = Shared.of(by / own[:, None], readings)
-        sigma[block.name] = own
+                shared[block.name] = Shared.of(by / noise[:, None], readings)
+        sigma[block.name] = noise
     row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
     return Weights(sigma, row, {block.group: 1.0 for block in model.blocks}, shared)
 
@@ -139,9 +139,9 @@ class Evaluations:
         self.constraints = [_Last(partial(self._constraint, c)) for c in model.constraints]
 
     def _block(
-        self, block: Block, arm: np.ndarray, own: np.ndarray
+        self, block: Block, arm: np.ndarray, target: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        r, by_arm, by_target = block.linearise(self.model.deviations(arm), own)
+        r, by_arm, by_target = block.linearise(self.model.deviations(arm), target)
         by_arm *= self.model.sd
         return r, by_arm, by_target
 
@@ -157,26 +157,26 @@ def linearise(
     """Whitened residuals and Jacobian at z, in NumPy arrays; from evaluations of the model, where given."""
     evaluations = evaluations or Evaluations(model)
     count = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.constraints)
-    residual, jacobian, of_block, at = np.empty(count), np.zeros((count, model.size)), {}, 0
+    residual, jacobian, of_block, start = np.empty(count), np.zeros((count, model.size)), {}, 0
     arm = model.slices[ARM]
     for block, evaluate in zip(model.blocks, evaluations.blocks, strict=True):
-        own, mine = model.slices[block.target], slice(at, at + block.residuals)
-        r, by_arm, by_target = evaluate(z[arm], z[own])
+        target, rows = model.slices[block.target], slice(start, start + block.residuals)
+        r, by_arm, by_target = evaluate(z[arm], z[target])
         whiten, apart = weights.whitening(block), weights.decorrelation(block)
-        residual[mine] = r * whiten
+        residual[rows] = r * whiten
         # in place: of a large session each copy counts
-        np.multiply(by_arm, whiten[:, None], out=jacobian[mine, arm])
-        jacobian[mine, own] = by_target * whiten[:, None]
+        np.multiply(by_arm, whiten[:, None], out=jacobian[rows, arm])
+        jacobian[rows, target] = by_target * whiten[:, None]
         if apart is not None:
-            residual[mine], jacobian[mine] = apart.white(residual[mine]), apart.white(jacobian[mine])
-        of_block[block.name] = mine
-        at = mine.stop
+            residual[rows], jacobian[rows] = apart.white(residual[rows]), apart.white(jacobian[rows])
+        of_block[block.name] = rows
+        start = rows.stop
     for constraint, evaluate in zip(model.constraints, evaluations.constraints, strict=True):
-        mine = slice(at, at + constraint.rows)
-        residual[mine], by = evaluate(*(z[model.slices[name]] for name in constraint.variables))
+        rows = slice(start, start + constraint.rows)
+        residual[rows], by = evaluate(*(z[model.slices[name]] for name in constraint.variables))
         for name, slope in by.items():
-            jacobian[mine, model.slices[name]] = slope
-        at = mine.stop
+            jacobian[rows, model.slices[name]] = slope
+        start = rows.stop
     return Linear(residual, jacobian, of_block)
 
 
@@ -228,9 +228,9 @@ def solve(
 
 def with_variables(graph: Graph, model: Model, start: np.ndarray) -> dict[str, np.ndarray]:
     """Add the arm and all targets with unknowns to a graph; their parts of a start z (D,), by name."""
-    begin = {name: start[own] for name, own in model.slices.items() if own.stop > own.start}
-    for name, own in begin.items():
-        graph.variable(name, len(own))
+    begin = {name: start[part] for name, part in model.slices.items() if part.stop > part.start}
+    for name, part in begin.items():
+        graph.variable(name, len(part))
     return begin
 
 
@@ -243,8 +243,8 @@ def _block_function(
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         arm = parts[0] if arms else np.zeros(0)
-        own = parts[-1] if block.size else np.zeros(0)
-        r, *slopes = evaluate(arm, own)
+        target = parts[-1] if block.size else np.zeros(0)
+        r, *slopes = evaluate(arm, target)
         return white(r * whiten), [white(by * across) for by, use in zip(slopes, used, strict=True) if use]
 
     return [name for name, use in zip((ARM, block.target), used, strict=True) if use], function
@@ -262,10 +262,10 @@ def add_constraints(
 
 
 def _constraint_function(evaluate: Callable[..., Any], constraint: Constraint, free: list[str]) -> Function:
-    known = dict.fromkeys(constraint.variables, np.zeros(0))  # overridden by the free ones
+    fixed = dict.fromkeys(constraint.variables, np.zeros(0))  # overridden by the free ones
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        point = known | dict(zip(free, parts, strict=True))
+        point = fixed | dict(zip(free, parts, strict=True))
         r, by = evaluate(*(point[name] for name in constraint.variables))
         return r, [by[name] for name in free]
 
@@ -291,10 +291,10 @@ def rescaled_weights(
     leverage = np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
     scale, dof = {}, {}
     for group, blocks in by_group(model).items():
-        at = [linear.of_block[b.name] for b in blocks]
-        chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
+        rows = [linear.of_block[b.name] for b in blocks]
+        chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in rows) * weights.scale[group] ** 2
         count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
-        dof[group] = max(count - sum(float(np.sum(leverage[s])) for s in at), 0.0)
+        dof[group] = max(count - sum(float(np.sum(leverage[s])) for s in rows), 0.0)
         scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
     return replace(weights, scale=scale), dof
 
@@ -326,7 +326,7 @@ def halved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     return _finite(dtrmm(1.0, dtrtri(factor, lower=1)[0], right, lower=1))
 
 
-def _finite(found: np.ndarray) -> np.ndarray:
-    if not np.isfinite(found).all():
+def _finite(solution: np.ndarray) -> np.ndarray:
+    if not np.isfinite(solution).all():
         raise ValueError("the right-hand side is not finite")
-    return found
+    return solution

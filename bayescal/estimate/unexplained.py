@@ -116,8 +116,8 @@ def stated_noise(fitted: Estimate, group: str) -> float:
 
     Of a kind of groups, it is that of all sessions that are fitted together.
     """
-    own = [sharp(fitted, b) for b in fitted.model.blocks if group in (b.group, b.group.partition(" of ")[0])]
-    return rms(np.concatenate(own))
+    blocks = [b for b in fitted.model.blocks if group in (b.group, b.group.partition(" of ")[0])]
+    return rms(np.concatenate([sharp(fitted, b) for b in blocks]))
 
 
 def within_images(fitted: Estimate) -> tuple[float | None, int]:
@@ -137,8 +137,8 @@ def within_images(fitted: Estimate) -> tuple[float | None, int]:
         readings.append(float(np.mean(of_readings[clear])))
         image = np.tile(poses(scene.dataset.measurements, b.rows), b.kind.rows)
         for one in np.unique(image[kept]):
-            at = np.flatnonzero(kept & (image == one))
-            r, by = every[at, 0], every[at, 1:]
+            index = np.flatnonzero(kept & (image == one))
+            r, by = every[index, 0], every[index, 1:]
             if len(r) > POSE:
                 square += float(np.sum((r - by @ np.linalg.lstsq(by, r)[0]) ** 2))
                 dof += len(r) - POSE
@@ -183,8 +183,8 @@ def unexplained(fitted: Estimate) -> Unexplained:
     group = next((g for g in GROUPS if g in kind_of.values()), GROUPS[0])
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
     sigma, stated = [sharp(fitted, b) for b in blocks], stated_noise(fitted, group)
-    left = rms(np.concatenate([scales[b.group] * own for b, own in zip(blocks, sigma, strict=True)]))
-    scale = left / stated
+    scaled = [scales[b.group] * noise for b, noise in zip(blocks, sigma, strict=True)]
+    scale = rms(np.concatenate(scaled)) / stated
     dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)
     repeats, repeats_dof = noise_again(fitted, group)
     if repeats is None:
@@ -222,13 +222,13 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
     faces = model.scene.circumstances().faces
     for face in faces:
         block = model.block_of[face.name]
-        at = fitted.linear.of_block[face.name]
+        rows = fitted.linear.of_block[face.name]
         whiten = fitted.weights.whitening(block)
         columns = np.stack([values[block.rows] for _, _, values in shapes(face)], axis=1) * whiten[:, None]
-        jacobian = fitted.linear.jacobian[at]
+        jacobian = fitted.linear.jacobian[rows]
         shared = jacobian.T @ columns
         information = columns.T @ columns - shared.T @ fitted.covariance @ shared
-        score = columns.T @ fitted.linear.residual[at]
+        score = columns.T @ fitted.linear.residual[rows]
         size, dof = len(score), fitted.dof[block.group]
         ridge = information + 1e-6 * np.trace(information) / size * np.eye(size)
         amplitude = np.linalg.solve(ridge, score)
@@ -266,8 +266,8 @@ def with_uneven_faces(fitted: Estimate, faces: Sequence[FaceCheck], robust: bool
         start, before = out.z, dict(form)
         second = out.z**2 + np.diag(out.covariance)
         for name in form:
-            own = [k for k, p in enumerate(formed.parameters) if p.name.startswith(f"{name} form ")]
-            form[name] = max(before[name] * float(np.sqrt(np.mean(second[own]))), 1e-7)
+            index = [k for k, p in enumerate(formed.parameters) if p.name.startswith(f"{name} form ")]
+            form[name] = max(before[name] * float(np.sqrt(np.mean(second[index]))), 1e-7)
         if all(abs(np.log(form[name] / before[name])) < 0.02 for name in form):
             break
     return out

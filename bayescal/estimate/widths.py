@@ -79,24 +79,24 @@ class Spread:
 
     @classmethod
     def of(
-        cls, found: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray],
+        cls, fitted: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray],
         wide: Sequence[float] | None = None,
     ) -> Spread:  # fmt: skip
         """Of an estimate with its stated covariance (D, D); `members` are the places of each family.
 
         `wide` are the factors on their stated widths that the estimate has, 1 by default.
         """
-        arm, c = found.model.slices[ARM], found.covariance
+        arm, c = fitted.model.slices[ARM], fitted.covariance
         by = (np.eye(len(c)) - c)[arm]
         others = np.setdiff1d(np.arange(len(c)), np.concatenate([np.zeros(0, int), *members]))
         noise = (covariance - c @ c)[arm, arm] + by[:, others] @ by[:, others].T
         wide = wide or [1.0] * len(members)
-        parts = [by[:, own] @ by[:, own].T / w**2 for own, w in zip(members, wide, strict=True)]
+        parts = [by[:, index] @ by[:, index].T / w**2 for index, w in zip(members, wide, strict=True)]
         # in units of the estimate's spread under the stated priors, in the directions that it has
         values, vectors = np.linalg.eigh(noise + sum(parts))
         kept = values > SMALLEST * values[-1]
         white = (vectors[:, kept] / np.sqrt(values[kept])).T
-        return cls(white @ found.z[arm], white @ noise @ white.T, tuple(white @ p @ white.T for p in parts))
+        return cls(white @ fitted.z[arm], white @ noise @ white.T, tuple(white @ p @ white.T for p in parts))
 
     def loss(self, log_factors: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log evidence of factors (F,), with the hyperprior, and its slopes (F,)."""
@@ -120,19 +120,19 @@ class Spread:
     def best(self, free: Sequence[int]) -> tuple[np.ndarray, float]:
         """Most probable log factors (F,) of which only those of some families are `free`, and their loss."""
         limits = [(0.0, float(np.log(LARGEST)) if k in free else 0.0) for k in range(len(self.by_family))]
-        found = minimize(self.loss, np.zeros(len(limits)), jac=True, bounds=limits, method="L-BFGS-B")
-        return found.x, float(found.fun)
+        optimum = minimize(self.loss, np.zeros(len(limits)), jac=True, bounds=limits, method="L-BFGS-B")
+        return optimum.x, float(optimum.fun)
 
 
 def widths(
-    found: Estimate, covariance: np.ndarray, wide: Mapping[str, float] | None = None,
+    fitted: Estimate, covariance: np.ndarray, wide: Mapping[str, float] | None = None,
     among: Collection[str] | None = None,
 ) -> tuple[Width, ...]:  # fmt: skip
     """The families whose values tell a wider prior than the stated one; none usually.
 
     Parameters
     ----------
-    found : Estimate
+    fitted : Estimate
     covariance : np.ndarray, shape (D, D)
         Stated covariance of its unknowns, z, at least that of the solver.
     wide : mapping, optional
@@ -140,12 +140,13 @@ def widths(
     among : collection of str, optional
         Families that may be wider; by default all.
     """
-    families = families_of(found)
+    families = families_of(fitted)
     free = [k for k, name in enumerate(families) if among is None or name in among]
     if not free:
         return ()
     has = [(wide or {}).get(name, 1.0) for name in families]
-    spread = Spread.of(found, covariance, [np.array(own) for own in families.values()], has)
+    names, members = list(families), list(families.values())
+    spread = Spread.of(fitted, covariance, [np.array(index) for index in members], has)
     factors, loss = spread.best(free)
     if spread.loss(np.zeros(len(families)))[0] - loss < TOLD:
         return ()
@@ -154,40 +155,40 @@ def widths(
         del free[free.index(min(gains, key=lambda k: gains[k]))]
         factors, loss = spread.best(free)
         gains = {k: spread.best([f for f in free if f != k])[1] - loss for k in free}
-    names, own = list(families), list(families.values())
     # the root of the mean square of a factor, whose logarithm is normal
     mean = np.exp(factors[free] + spread.uncertainty(factors, free)) if free else np.zeros(0)
     return tuple(
-        Width(names[k], float(factor), gain, tuple(found.model.parameters[i].name for i in own[k]))
+        Width(names[k], float(factor), gain, tuple(fitted.model.parameters[i].name for i in members[k]))
         for factor, (k, gain) in zip(mean, gains.items(), strict=True)
     )
 
 
-def families_of(found: Estimate) -> dict[str, list[int]]:
+def families_of(fitted: Estimate) -> dict[str, list[int]]:
     """The places of the parameters of each family of a fitted model."""
     families: dict[str, list[int]] = {}
-    for k, p in enumerate(found.model.parameters):
+    for k, p in enumerate(fitted.model.parameters):
         if name := family(p):
             families.setdefault(name, []).append(k)
     return families
 
 
-def log_evidence(found: Estimate, left_out: np.ndarray) -> float:
+def log_evidence(fitted: Estimate, left_out: np.ndarray) -> float:
     """Log density of the measurements under a model, at the estimated noise (Laplace), less a constant.
 
     Parameters
     ----------
-    found : Estimate
+    fitted : Estimate
     left_out : np.ndarray of int
         Rows of the session that do not count, in all estimates that are compared.
     """
-    weights, ends = found.weights, [part.stop for part in found.linear.of_block.values()]
-    constraints = found.linear.residual[max(ends, default=0) :]
-    out = 0.5 * np.linalg.slogdet(found.covariance)[1] - 0.5 * (found.z @ found.z + constraints @ constraints)
-    for block in found.model.blocks:
+    weights, ends = fitted.weights, [part.stop for part in fitted.linear.of_block.values()]
+    constraints = fitted.linear.residual[max(ends, default=0) :]
+    square = fitted.z @ fitted.z + constraints @ constraints
+    out = 0.5 * np.linalg.slogdet(fitted.covariance)[1] - 0.5 * square
+    for block in fitted.model.blocks:
         kept, scale = ~np.isin(block.rows, left_out), weights.scale[block.group]
         kept = np.tile(kept, block.kind.rows)
-        white = (found.residuals(block).ravel() / (scale * weights.sigma[block.name]))[kept]
+        white = (fitted.residuals(block).ravel() / (scale * weights.sigma[block.name]))[kept]
         if block.name in weights.shared:
             apart = weights.shared[block.name][kept].decorrelated()
             white, out = apart.white(white), out + apart.log_det
@@ -200,71 +201,75 @@ Widened = tuple[Estimate, FitOptions, tuple[Width, ...]]
 """A fit with wider priors, its options, and the widths."""
 
 
-def _by_noise(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Widened | None:
+def _by_noise(
+    fitted: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions
+) -> Widened | None:
     """The fit with wider priors that larger noise hides; None where the stated ones are as probable."""
-    families = families_of(found)
-    if not families or max(found.weights.scale.values(), default=1.0) < LARGE:
+    families = families_of(fitted)
+    if not families or max(fitted.weights.scale.values(), default=1.0) < LARGE:
         return None
 
-    def fitted(told: Mapping[str, float]) -> tuple[Estimate, FitOptions] | None:
-        wider = replace(options, widths=told)
+    def refitted(widening: Mapping[str, float]) -> tuple[Estimate, FitOptions] | None:
+        wider = replace(options, widths=widening)
         try:
             return fitted_level(scene, effects, wider), wider
         except FAILURES:  # no length is known, or the solution is out of reach
             return None
 
-    tried = ((by, fitted(dict.fromkeys(families, by))) for by in COMMON)
+    tried = ((by, refitted(dict.fromkeys(families, by))) for by in COMMON)
     fits = {by: fit for by, fit in tried if fit is not None}
-    left_out = np.unique(np.concatenate([found.rejected, *(f.rejected for f, _ in fits.values())]))
-    before = log_evidence(found, left_out)
+    left_out = np.unique(np.concatenate([fitted.rejected, *(f.rejected for f, _ in fits.values())]))
+    before = log_evidence(fitted, left_out)
     gains = {by: log_evidence(f, left_out) - before - 0.5 * (np.log(by) / SPREAD) ** 2
              for by, (f, _) in fits.items()}  # fmt: skip
     by = max(gains, key=gains.__getitem__, default=1.0)
     if gains.get(by, 0.0) < TOLD:
         return None
     common, wider = fits[by]
-    own = widths(common, stated(common).covariance, dict.fromkeys(families, by))
-    if own and (fit := fitted(factors(own))):
-        paid = sum(np.log(w.factor) ** 2 for w in own) / (2.0 * SPREAD**2)
+    individual = widths(common, stated(common).covariance, dict.fromkeys(families, by))
+    if individual and (fit := refitted(factors(individual))):
+        paid = sum(np.log(w.factor) ** 2 for w in individual) / (2.0 * SPREAD**2)
         if log_evidence(fit[0], left_out) - before - paid > gains[by]:
-            return *fit, own
+            return *fit, individual
     names = common.model.parameters
-    told = (Width(name, by, gains[by], tuple(names[k].name for k in at)) for name, at in families.items())
-    return common, wider, tuple(told)
+    wide_families = (
+        Width(name, by, gains[by], tuple(names[k].name for k in index)) for name, index in families.items()
+    )
+    return common, wider, tuple(wide_families)
 
 
-def with_widths(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Widened:
+def with_widths(fitted: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Widened:
     """An estimate under the stated priors, or where its values tell wider ones, the fit under those.
 
     Priors of the robot file that contradict the data are not used; see `doubted`.
 
     Parameters
     ----------
-    found : Estimate
+    fitted : Estimate
         As `fitted_level` returns it.
     scene : Scene
     effects : tuple of str
     options : FitOptions
         Of the estimate; those of the fit that is returned have its widths.
     """
-    if names := doubted(found, scene, effects, options):
+    if names := doubted(fitted, scene, effects, options):
         options = replace(options, doubted=names)
-        found = fitted_level(scene, effects, options)
-    widened = _by_noise(found, scene, effects, options)
+        fitted = fitted_level(scene, effects, options)
+    widened = _by_noise(fitted, scene, effects, options)
     if widened is not None:
         return widened
-    likely = widths(found, found.covariance)
+    likely = widths(fitted, fitted.covariance)
     if not likely:  # the stated covariance is wider, and takes longer
-        return found, options, ()
-    told = widths(found, stated(found).covariance)
+        return fitted, options, ()
+    wide_families = widths(fitted, stated(fitted).covariance)
     try:
-        told = told or _without_its_errors(likely, scene, effects, options)
-        if told:
-            wider = replace(options, widths=factors(told))
-            return fitted_level(scene, effects, wider), wider, told
+        wide_families = wide_families or _without_its_errors(likely, scene, effects, options)
+        if wide_families:
+            wider = replace(options, widths=factors(wide_families))
+            return fitted_level(scene, effects, wider), wider, wide_families
     except FAILURES:  # no length is known, or the solution is out of reach: the stated priors hold
         pass
-    return found, options, ()
+    return fitted, options, ()
 
 
 def _without_its_errors(
@@ -300,17 +305,17 @@ def simpler_level(scene: Scene, effects: tuple[str, ...], options: FitOptions) -
         return fitted_level(scene, effects, replace(options, widths={}))
 
 
-def factors(told: Sequence[Width]) -> Mapping[str, float]:
+def factors(wide_families: Sequence[Width]) -> Mapping[str, float]:
     """Factors of prior standard deviations by family."""
-    return {w.family: w.factor for w in told}
+    return {w.family: w.factor for w in wide_families}
 
 
-def sentences(told: Sequence[Width]) -> tuple[str, ...]:
+def sentences(wide_families: Sequence[Width]) -> tuple[str, ...]:
     """The widths as sentences, one for all families if they have a common factor."""
-    if len({(w.factor, w.nats) for w in told}) != 1:
-        return tuple(w.words for w in told)
-    every = ", ".join(w.family for w in told)
-    return (replace(told[0], family=every).words,)
+    if len({(w.factor, w.nats) for w in wide_families}) != 1:
+        return tuple(w.words for w in wide_families)
+    every = ", ".join(w.family for w in wide_families)
+    return (replace(wide_families[0], family=every).words,)
 
 
 FAR, MOST = 4.0, 6
@@ -318,28 +323,30 @@ FAR, MOST = 4.0, 6
 number of such parameters (conventions)."""
 
 
-def doubted(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> tuple[str, ...]:
+def doubted(fitted: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> tuple[str, ...]:
     """Parameters whose priors in the robot file contradict what the data tell with the usual priors.
 
     A narrow prior that is wrong can be fitted by larger noise, and its width then has no evidence. So what
     the fit under the usual priors tells is compared with it: one parameter, then a second beside it.
     """
-    names = [p.name for p in found.model.parameters if p.usual is not None]
+    names = [p.name for p in fitted.model.parameters if p.usual is not None]
     if not names:
         return ()
     try:
         usual = fitted_level(scene, effects, replace(options, doubted=tuple(names)))
     except FAILURES:  # with the usual priors the session cannot be fitted
         return ()
-    arm, own = usual.model.slices[ARM], usual.model.parameters
-    told = likelihood(usual.z[arm], usual.covariance[arm, arm], stated(usual).covariance[arm, arm])
+    arm, parameters = usual.model.slices[ARM], usual.model.parameters
+    information, score = likelihood(
+        usual.z[arm], usual.covariance[arm, arm], stated(usual).covariance[arm, arm]
+    )
     # the prior of the file, in units of the usual one
-    file = {p.name: p for p in found.model.parameters}
-    mean = np.array([(file[p.name].centre - p.centre) / p.sd for p in own])
-    sd = np.array([file[p.name].sd / p.sd for p in own])
+    file = {p.name: p for p in fitted.model.parameters}
+    mean = np.array([(file[p.name].centre - p.centre) / p.sd for p in parameters])
+    sd = np.array([file[p.name].sd / p.sd for p in parameters])
     out: list[str] = []
-    for shift in shifts(*told, mean, np.diag(sd**2), MOST):
-        if abs(shift.ratio) < FAR or own[shift.index].name not in names:
+    for shift in shifts(information, score, mean, np.diag(sd**2), MOST):
+        if abs(shift.ratio) < FAR or parameters[shift.index].name not in names:
             break
-        out.append(own[shift.index].name)
+        out.append(parameters[shift.index].name)
     return tuple(out)

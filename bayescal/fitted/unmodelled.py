@@ -83,7 +83,7 @@ class Unmodelled:
         by_noise: dict[str, tuple[np.ndarray, float]] = {}
         for p in basis.propagated:
             if p.input.group in (NOISE, READINGS):  # of one estimated variance, by `scale`
-                slopes = to_arm @ p.by[stated.own]
+                slopes = to_arm @ p.by[stated.index]
                 before, _ = by_noise.get(p.input.scale, (0.0, 0.0))
                 by_noise[p.input.scale] = (before + slopes @ slopes.T, p.input.dof)
         return cls(

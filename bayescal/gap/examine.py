@@ -85,7 +85,7 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
     def fitted(some: Scene) -> tuple[Estimate, FitOptions, tuple[Width, ...]]:
         return _with_widths(some, effects, options)
 
-    _, base, scatter = scattered(scene, fitted, known=True)
+    _, base, scatter = scattered(scene, fitted, prior_only=True)
     examined = _of_baseline(base, further)
     if scatter is None or not scatter.beyond or examined.decision.kind != "null":
         return examined

@@ -420,7 +420,7 @@ def test_a_family_explains_what_the_residual_variance_loses(tracker, seed):
     )
     j = j[np.tile(found.plain.weights.row[block.name], 3) > 0]
     g = j[:, [k for k, p in enumerate(found.wide.model.parameters) if p.effect == EFFECT]]
-    j = j[:, found.own]
+    j = j[:, found.index]
     h = g - j @ (found.plain.covariance @ (j.T @ g))
     assert 1.0 - found.white == pytest.approx(np.sum(h**2) / UNSEEN / len(h), rel=0.12)  # without masses
     assert LEAST_WHITE < found.white < 0.95

@@ -55,7 +55,7 @@ def test_exact_readings_and_wrong_noise_of_corners_are_no_errors_of_images():
 def test_steps_in_which_readings_are_written_are_known():
     session, step = images(4), np.radians(0.05)
     found = told(with_columns(session, readings=step * np.rint(session.measurements.readings / step)))
-    assert found.u == found.known == pytest.approx(step / np.sqrt(12.0))
+    assert found.u == found.prior_u == pytest.approx(step / np.sqrt(12.0))
     assert not found.beyond
     assert anew(found, None) is anew(None, None) is None
 
@@ -97,7 +97,7 @@ def test_errors_of_images_themselves_are_not_those_of_readings(power):
     assert found.power == power
     assert found.u == pytest.approx(size / session.noise.pixel, rel=0.3)
     weighed = with_scatter(Scene(wrong, oriented=True), found)
-    assert (weighed.dataset.noise.field, weighed.dataset.noise.joint) == (found.u, found.known)
+    assert (weighed.dataset.noise.field, weighed.dataset.noise.joint) == (found.u, found.prior_u)
     fitted = calibrated(weighed, ("geometry",))
     assert scatter_of(fitted) is None
     assert fitted.weights.scale["pixel"] == pytest.approx(1.0, abs=0.15)
