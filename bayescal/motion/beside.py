@@ -101,8 +101,8 @@ def in_place_of_a_name(h: Hypothesis, hypotheses: Sequence[Hypothesis]) -> Hypot
 
 def _one_more(few: Sequence[str], many: Sequence[str]) -> bool:
     """Whether there is one effect more, which is in the list."""
-    rest = Counter(many) - Counter(few)
-    return len(many) == len(few) + 1 == len(few) + rest.total() and UNKNOWN not in rest
+    added = Counter(many) - Counter(few)
+    return len(many) == len(few) + 1 == len(few) + added.total() and UNKNOWN not in added
 
 
 def _without(best: Hypothesis, m: Member, hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
@@ -177,9 +177,10 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     order, n = bank.noise.order, len(bank.size)
     every = bank.table.residuals(fit.values)
     pairs = list(zip(bank.table.parts, every, strict=True))
-    left = [[part.whitened(bank.noise, r[:, j], j) for j in range(n)] for part, r in pairs]
+    white = [[part.whitened(bank.noise, r[:, j], j) for j in range(n)] for part, r in pairs]
     counted = [
-        np.column_stack(e)[part.weight[:, :n] > NOISE.there] for e, (part, _) in zip(left, pairs, strict=True)
+        np.column_stack(e)[part.weight[:, :n] > NOISE.there]
+        for e, (part, _) in zip(white, pairs, strict=True)
     ]
     nats = surprise(np.concatenate(counted))
     tried = np.log(len(EVENTS.constants) * sum(map(len, every)))
@@ -188,7 +189,7 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
         candidates = []
         for pulse in pulses:
             shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j)[order:] * bank.size[j]
-            for p, residual in enumerate(left):
+            for p, residual in enumerate(white):
                 if len(shape) > len(residual[j]) - order:
                     continue
                 e, ones = residual[j][order:], np.ones(len(shape))
@@ -262,7 +263,7 @@ class Relative:
 
 def relative(bank: Bank, search: Search, members: Sequence[Member], member: Member) -> Relative:
     """The strongest relative of a member, with the evidence of all of its relatives."""
-    fit, rest = search.fit(members), search.fit([m for m in members if m is not member])
+    fit, without = search.fit(members), search.fit([m for m in members if m is not member])
     rows = predicted(bank.table, fit, search.terms[member.form])
     size = root_mean_square(rows)
     live = np.flatnonzero(size > RELATIVES.least * np.max(size))
@@ -276,7 +277,7 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
 
     origin = [k for k, a in enumerate(given) for _ in _factors(a)]
     modulated = _nats(bank, fit, live, rows, modulations)
-    replaced = _nats(bank, rest, live, rows, replacements)
+    replaced = _nats(bank, without, live, rows, replacements)
     replaced = replaced[1:] - replaced[0] + np.log(RELATIVES.replaced / len(origin))
     modulated += np.log(RELATIVES.modulated / len(given))
     i = int(np.argmax(replaced))
@@ -288,7 +289,7 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
         by = _factors(of_motion[k])[i % 2][:, None] if instead else of_motion[k].functions
         columns.append({c: (p[:, c, None] * by).astype(np.float32) for c in live.tolist()})
     # a part of what a name explains may belong to its form
-    forgiven = SEARCH.form * max(fit.log_evidence - rest.log_evidence, 0.0)
+    forgiven = SEARCH.form * max(fit.log_evidence - without.log_evidence, 0.0)
     gain = float(logsumexp(np.r_[modulated, replaced])) - forgiven
     return Relative(form, gain, columns, instead)
 

@@ -132,17 +132,17 @@ def calibrated(
     rows = zip(names, units, base, flat.mean(axis=0), flat.std(axis=0), low, high, sd, strict=True)
     shown = tuple(Parameter(n, unit, b, m, u, (lo, hi), s) for n, unit, b, m, u, lo, hi, s in rows)
     progress("withheld", 0.8)
-    at = moved_to(start, estimate.parts[0], deviations)
+    model = moved_to(start, estimate.parts[0], deviations)
     return MotionFit(
         log=log,
         limits=estimate.limits,
         parameters=shown,
         draws=values,
-        withheld=_withheld(estimate, fit, start, at),
+        withheld=_withheld(estimate, fit, start, model),
         determined=int(np.sum(np.linalg.eigvalsh(fit.covariance) < CALIBRATION.determined**2)),
         combinations=_combinations(fit, names),
-        mechanism=fitted_mechanism(log.mechanism, at, log.torque_kind == SERVO),
-        shift=float(at.shift[0]),
+        mechanism=fitted_mechanism(log.mechanism, model, log.torque_kind == SERVO),
+        shift=float(model.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
         r_hat=r_hat,
@@ -182,29 +182,31 @@ def nominal_values(start: Operating) -> dict[str, float]:
     return out | {"alignment": start.shift[0]}
 
 
-def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:
+def fitted_mechanism(m: Mechanism, model: Operating, servo: bool) -> Mechanism:
     """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
-    mass, centre, inertia = at.bodies[:, 0], at.bodies[:, 1:4], at.bodies[:, 4 + SIX]
-    by = at.gain if servo else 1.0
+    mass, centre, inertia = model.bodies[:, 0], model.bodies[:, 1:4], model.bodies[:, 4 + SIX]
+    by = model.gain if servo else 1.0
     return replace(
-        m, mass=mass, centre=centre, inertia=inertia, armature=at.armature / by,
-        coulomb=at.coulomb / by, viscous=at.viscous / by,
-        transition=float(np.exp(np.mean(np.log(at.transition)))),
+        m, mass=mass, centre=centre, inertia=inertia, armature=model.armature / by,
+        coulomb=model.coulomb / by, viscous=model.viscous / by,
+        transition=float(np.exp(np.mean(np.log(model.transition)))),
     )  # fmt: skip
 
 
-def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> tuple[Withheld, ...]:
+def _withheld(
+    estimate: Estimate, fit: Fit, start: Operating, fitted_model: Operating
+) -> tuple[Withheld, ...]:
     """Torque errors of validation motions, with what noise and uncertain parameters let expect."""
     parts, log = of_role(estimate.parts, VALIDATE), estimate.parts[0].log
     if not parts:
         return ()
 
     def rms(model: Operating, some: tuple[Signals, ...]) -> np.ndarray:
-        left = ((s.unfiltered(model.measured(s) - model.shown(s)), s) for s in each(some))
-        return root_mean_square(where_moving(x, s) for x, s in left)
+        residuals = ((s.unfiltered(model.measured(s) - model.shown(s)), s) for s in each(some))
+        return root_mean_square(where_moving(x, s) for x, s in residuals)
 
-    before, after = rms(start, parts), rms(at, parts)
-    noise = rms(at, of_role(estimate.parts, CALIBRATE))
+    before, after = rms(start, parts), rms(fitted_model, parts)
+    noise = rms(fitted_model, of_role(estimate.parts, CALIBRATE))
     table = tabulated(parts, estimate.columns, estimate.residual)
     covariance = fit.covariance * np.outer(fit.sd, fit.sd)
     extra = np.zeros(log.n)

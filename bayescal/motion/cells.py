@@ -31,7 +31,7 @@ def smooth(x: np.ndarray, bounds: np.ndarray, count: int) -> list[np.ndarray]:
 class Ranges:
     """Ranges over all motions, of what cells are functions of."""
 
-    def __init__(self, parts: tuple[Signals, ...], at: Operating) -> None:
+    def __init__(self, parts: tuple[Signals, ...], model: Operating) -> None:
         def bounds(x: list[np.ndarray]) -> np.ndarray:
             whole = np.concatenate(x)
             return np.array([np.min(whole, axis=0), np.max(whole, axis=0)])
@@ -46,8 +46,8 @@ class Ranges:
         self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
         loads, powers = [], []
         for s in each(parts):  # a long log forgets its torques
-            loads.append(at.load(s))
-            powers.append(float(np.mean(np.abs(np.sum(at.torque(s) * s.dq, axis=1)))))
+            loads.append(model.load(s))
+            powers.append(float(np.mean(np.abs(np.sum(model.torque(s) * s.dq, axis=1)))))
         self.load, self.usual_load = bounds(loads), usual(loads)
         self.usual_speed = usual([s.dq for s in parts])
         self.usual_acceleration = usual([s.ddq for s in parts])
@@ -59,10 +59,10 @@ class Ranges:
         self.loaded = any(np.any(s.payload > 0.0) for s in parts)
 
 
-def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormColumn]:
+def cells(s: Signals, model: Operating, scale: Scale, r: Ranges) -> Iterator[FormColumn]:
     """Columns of every cell."""
-    way, load, n = at.reversal(s), at.load(s), s.log.n
-    later = derivative(at.torque(s), s.step)
+    way, load, n = model.reversal(s), model.load(s), s.log.n
+    later = derivative(model.torque(s), s.step)
 
     def cell(j: int, driver: str, functions: list[np.ndarray], setting: str = "") -> Iterator[FormColumn]:
         form = Form(UNKNOWN, joint(j), driver, setting)

@@ -55,14 +55,14 @@ def with_controller(parts: tuple[Signals, ...]) -> tuple[Signals, ...]:
     measured = log.torque_kind not in (SERVO, "sensor")  # a sensor behind the gear does not show the drive
     if control.stiffness is None or not measured or any(m.command is None for m in log.motions):
         return parts
-    moves = np.any([np.ptp(m.position, axis=0) > SIGNALS.rest for m in log.motions], axis=0)
+    moves = np.any([np.ptp(m.position, axis=0) > SIGNALS.rest_range for m in log.motions], axis=0)
     if not np.any(moves):  # the torque of a joint at rest tells nothing of its gains
         return parts
-    gains, left = _fitted(parts)
+    gains, unexplained = _fitted(parts)
     damping = np.zeros(log.n) if control.damping is None else control.damping
     acts = moves & (damping > 0.0) & (gains[2] > 0.0)
     of_errors = bool(np.any(acts)) and float(np.median(gains[1][acts] / gains[2][acts])) > CONTROLLER.ahead
-    complete = bool(np.median(left[moves]) <= CONTROLLER.further)
+    complete = bool(np.median(unexplained[moves]) <= CONTROLLER.further)
     complete = complete and float(np.median(_beside_gains(parts)[moves])) <= CONTROLLER.beside
     control = replace(control, ahead=damping if of_errors else 0.0 * damping, complete=complete)
     notes = log.notes
@@ -82,8 +82,8 @@ def _beside_gains(parts: tuple[Signals, ...]) -> np.ndarray:
     rows, model = _rows(used), nominal(used[0].log, np.ones(used[0].log.n))
     asked = np.concatenate([s.unfiltered(model.load(s) + model.armature * s.ddq) for s in each(used)])
     shares = [
-        np.linalg.lstsq(np.column_stack([own[:, :-1], load]), own[:, -1], rcond=None)[0][-1]
-        for own, load in zip(rows.transpose(1, 0, 2), asked.T, strict=True)
+        np.linalg.lstsq(np.column_stack([of_joint[:, :-1], load]), of_joint[:, -1], rcond=None)[0][-1]
+        for of_joint, load in zip(rows.transpose(1, 0, 2), asked.T, strict=True)
     ]
     return np.array(shares)
 
@@ -98,19 +98,19 @@ def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
         ahead = damping if control.kind == "torque" else none
         ahead = ahead if control.ahead is None else control.ahead
         return Law(control.stiffness, damping, ahead, none, log.torque_kind != SERVO)
-    gains, left = _fitted(parts)
-    if np.max(left) > CONTROLLER.unexplained or np.min(gains[0]) <= 0.0:
+    gains, unexplained = _fitted(parts)
+    if np.max(unexplained) > CONTROLLER.unexplained or np.min(gains[0]) <= 0.0:
         if np.min(gains[0]) <= 0.0:
-            left = np.where(np.arange(log.n) == np.argmin(gains[0]), left, 0.0)
-        why = f"the controller does not follow from the log: {_further(log, left)}"
+            unexplained = np.where(np.arange(log.n) == np.argmin(gains[0]), unexplained, 0.0)
+        why = f"the controller does not follow from the log: {_further(log, unexplained)}"
         return why if control.stiffness is not None else f"{why}; state `kp_Nm_per_rad` and `kd_Nms_per_rad`"
     return Law(gains[0], gains[2], gains[1], gains[3], False)
 
 
-def _further(log: Log, left: np.ndarray) -> str:
+def _further(log: Log, unexplained: np.ndarray) -> str:
     """What a controller leaves of the torques, in words, by shares (n,) of their variances."""
-    worst = int(np.argmax(left))
-    share, name = f"{100 * min(left[worst], 1.0):.0f} %", log.mechanism.joint_names[worst]
+    worst = int(np.argmax(unexplained))
+    share, name = f"{100 * min(unexplained[worst], 1.0):.0f} %", log.mechanism.joint_names[worst]
     return f"{share} of the variance of the torque of {name} is no function of command and position"
 
 
@@ -119,13 +119,13 @@ def _fitted(parts: tuple[Signals, ...]) -> tuple[np.ndarray, np.ndarray]:
     fitted = _rows(tuple(s for s in parts if s.role == CALIBRATE))
     held = _rows(tuple(s for s in parts if s.role == VALIDATE) or parts)
     gains = np.empty((len(TERMS), fitted.shape[1]))
-    left = np.empty(fitted.shape[1])
-    for j in range(len(left)):
+    unexplained = np.empty(fitted.shape[1])
+    for j in range(len(unexplained)):
         x, y = fitted[:, j, :-1], fitted[:, j, -1]
         gains[:, j] = np.linalg.lstsq(x, y, rcond=None)[0]
         off = held[:, j, -1] - held[:, j, :-1] @ gains[:, j]
-        left[j] = np.var(off) / max(np.var(held[:, j, -1]), 1e-300)
-    return gains, left
+        unexplained[j] = np.var(off) / max(np.var(held[:, j, -1]), 1e-300)
+    return gains, unexplained
 
 
 def _rows(parts: tuple[Signals, ...]) -> np.ndarray:

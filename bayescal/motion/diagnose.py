@@ -108,8 +108,8 @@ def _place(pool: Pool, without: Fit, fit: Fit, form: Form, nats: float, explaine
     changes most, in units of the noise.
     """
     table, log = pool.table.of_role(CALIBRATE), pool.estimate.parts[0].log
-    left = zip(table.residuals(without.values), table.residuals(fit.values), strict=True)
-    size = rms(before - after for before, after in left)
+    residuals = zip(table.residuals(without.values), table.residuals(fit.values), strict=True)
+    size = rms(before - after for before, after in residuals)
     kind = int(np.argmax(size / pool.estimate.noise.sd)) // log.n
     size = size[kind * log.n :][: log.n]
     j = int(np.argmax(size / pool.scale.torque if kind == 0 else size))
@@ -136,7 +136,7 @@ def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
 def _withheld(pool: Pool, fit: Fit) -> np.ndarray:
     """RMS (C,) of what a fit leaves of validation motions, by channel: an effect matters where it shows."""
     n, beside = pool.estimate.parts[0].log.n, pool.table.of_role(VALIDATE).residuals(fit.values)
-    return np.concatenate([rms(moving(pool, fit)), rms(left[:, n:] for left in beside)])
+    return np.concatenate([rms(moving(pool, fit)), rms(residual[:, n:] for residual in beside)])
 
 
 def _part(form: Form, term: str) -> str:
@@ -148,10 +148,10 @@ def _part(form: Form, term: str) -> str:
 def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
     """Length of a vector of terms of one unit, and its standard uncertainty along the vector."""
     terms = fit.names
-    at = [terms.index(name) for name in names]
-    sd = fit.sd[at]
-    vector = fit.z[at] * sd
-    covariance = fit.covariance[np.ix_(at, at)] * np.outer(sd, sd)
+    indices = [terms.index(name) for name in names]
+    sd = fit.sd[indices]
+    vector = fit.z[indices] * sd
+    covariance = fit.covariance[np.ix_(indices, indices)] * np.outer(sd, sd)
     size = float(np.linalg.norm(vector))
     along = vector / max(size, 1e-300)
     return size, float(np.sqrt(along @ covariance @ along))
@@ -159,7 +159,7 @@ def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
 
 def moving(pool: Pool, fit: Fit) -> list[np.ndarray]:
     """What a fit leaves of the torques of validation motions, N m, each (N, n), NaN of joints at rest."""
-    return [where_moving(left, s) for s, left in pool.unfiltered(fit.values)]
+    return [where_moving(residual, s) for s, residual in pool.unfiltered(fit.values)]
 
 
 def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage:
@@ -167,7 +167,7 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     null, named = search.fit(), search.fit(v.named.members)
     before, after = moving(pool, null), moving(pool, named)
     leading = search.fit(v.leading.members)
-    floor = rms(where_moving(left, s) for s, left in pool.unfiltered(leading.values, CALIBRATE))
+    floor = rms(where_moving(residual, s) for s, residual in pool.unfiltered(leading.values, CALIBRATE))
     gain = 0.5 * (null.chi2(held) - named.chi2(held))
     share, low, high = np.nan, np.nan, np.nan
     if v.named.members:

@@ -102,13 +102,13 @@ def joint(j: int) -> str:
     return f"joint {j + 1}"
 
 
-def _payload(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _payload(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form, on = Form("payload", TOOL, "mass"), (s.payload > 0.0)[:, None]
     column = (s.rigid[:, :, -1] @ payload_of(s.log.mechanism)) * on
     yield form, form.term("kg", FORMS.payload * scale.loaded), column
 
 
-def _payload_offset(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _payload_offset(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form, m = Form("payload-offset", TOOL, "centre of mass"), s.log.mechanism
     none = np.zeros((3, 3))
     for axis, step in zip("xyz", FORMS.offset * np.eye(3), strict=True):
@@ -130,13 +130,13 @@ def _of_joints(effect: str, *of: Kind, first: int = 0) -> Iterator[FormColumn]:
             yield form, form.term(unit, size, first + j), columns[:, j]
 
 
-def _armature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    sd = FORMS.armature * np.maximum(at.armature, scale.torque / FORMS.acceleration)
+def _armature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    sd = FORMS.armature * np.maximum(model.armature, scale.torque / FORMS.acceleration)
     return _of_joints("armature", ("acceleration", "", "kg m2", sd, s.ddq))
 
 
-def _stribeck(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    way, speeds, sd = at.reversal(s), np.abs(s.dq), FORMS.stribeck * scale.friction
+def _stribeck(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    way, speeds, sd = model.reversal(s), np.abs(s.dq), FORMS.stribeck * scale.friction
 
     def kind(speed: float, power: float) -> Kind:
         bump = np.exp(-np.power(speeds / speed, power))
@@ -145,8 +145,8 @@ def _stribeck(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     return _of_joints("stribeck", *starmap(kind, product(FORMS.stribeck_speeds, FORMS.stribeck_powers)))
 
 
-def _load_friction(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    way, load, driver = at.reversal(s), at.load(s), "torque times direction"
+def _load_friction(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    way, load, driver = model.reversal(s), model.load(s), "torque times direction"
     plain = (driver, "", "1", FORMS.load_friction, way * np.abs(load))
     square = (driver, "square of the torque", "1", FORMS.load_friction, way * (load**2 / scale.torque))
     return _of_joints("load-friction", plain, square)
@@ -162,13 +162,13 @@ def at_speed(setting: str, speed: np.ndarray) -> np.ndarray:
     return fast / (1.0 + fast / FORMS.saturation) if setting.startswith(SATURATES) else fast
 
 
-def _asymmetric(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    sd = FORMS.asymmetric * np.maximum(at.viscous, 0.5 * scale.friction)
+def _asymmetric(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    sd = FORMS.asymmetric * np.maximum(model.viscous, 0.5 * scale.friction)
     of = [("abs speed", x, "N m s/rad", sd, at_speed(x, s.dq)) for x in ("", SATURATES)]
     return _of_joints("asymmetric-friction", *of)
 
 
-def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _ripple(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     for j, waves in scale.waves.steady:
         for harmonics in FORMS.harmonics:
             setting = f"{waves:.4g} waves a turn" + (", with the double" if len(harmonics) > 1 else "")
@@ -179,15 +179,15 @@ def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
                     yield form, term, function(h * waves * s.q[:, j])
 
 
-def _torque_constant(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    torque = at.torque(s)
+def _torque_constant(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    torque = model.torque(s)
     large = torque * np.abs(torque) / scale.torque
     falling = ("torque", "that falls with the torque", "1", FORMS.constant, large)
     return _of_joints("torque-constant", ("torque", "", "1", FORMS.constant, torque), falling)
 
 
-def _torque_drift(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    torque = at.torque(s)
+def _torque_drift(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    torque = model.torque(s)
     for w in warming(s):
         rise = np.broadcast_to(w.rise[:, None], torque.shape)
         sd, share = FORMS.drift * scale.torque / w.usual, FORMS.drift / w.usual
@@ -196,8 +196,8 @@ def _torque_drift(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColum
         yield from _of_joints("torque-drift", plain, scaled)
 
 
-def _viscous_temperature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    size = FORMS.viscous_temperature * np.maximum(np.abs(at.viscous), 0.5 * scale.friction)
+def _viscous_temperature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    size = FORMS.viscous_temperature * np.maximum(np.abs(model.viscous), 0.5 * scale.friction)
     for w in warming(s):
         driver, unit = f"speed times {w.driver}", f"N m s/rad{w.per}"
         of = (driver, w.setting, unit, size / w.usual, w.rise[:, None] * s.dq)
@@ -225,53 +225,53 @@ def warming(s: Signals) -> Iterator[Warming]:
         yield Warming("time", f"{constant:.0f} s", -np.expm1(-s.time / constant), 1.0, "")
 
 
-def _delay(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    later = -derivative(at.measured(s), s.step)
+def _delay(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    later = -derivative(model.measured(s), s.step)
     form = Form("delay", LOG, "rate of torque")
     yield form, form.term("s", FORMS.delay), later
     yield from _of_joints("delay", ("rate of torque", "", "s", FORMS.delay, later))
 
 
-def _base_tilt(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form = Form("base-tilt", BASE, "gravity direction")
     for k, name in enumerate("xy"):
         turned = np.cross(np.eye(3)[k], s.log.gravity)
         by = np.einsum("a,anjkp->njkp", turned, s.tilted)
-        column = carried(by, at.inertials, s.log.mechanism, s.payload)
+        column = carried(by, model.inertials, s.log.mechanism, s.payload)
         yield form, form.term("rad", FORMS.tilt, part=name), column
 
 
-def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     m = s.log.mechanism
     for k in range(m.n):
         form = Form("inertia", joint(k), "motion of the link")
-        by, sd = slopes_of(at.bodies[k]), prior_of_body(m, k)
+        by, sd = slopes_of(model.bodies[k]), prior_of_body(m, k)
         columns = s.rigid[:, :, k] @ by
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
                 yield form, form.term(UNITS[p], FORMS.inertia * sd[p], part=name), columns[:, :, p]
 
 
-def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _servo_stiffness(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     if s.log.torque_kind == SERVO:
-        yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, at.load(s)))
+        yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, model.load(s)))
         return
-    softer, first = at.driven(s) / s.log.controller.stiffness, channel(s.log, TRACKING, 0)
+    softer, first = model.driven(s) / s.log.controller.stiffness, channel(s.log, TRACKING, 0)
     yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
 
 
-def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    of = ("torque", "", "rad/(N m)", FORMS.deflection / scale.torque, -at.load(s))
+def _elasticity(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
+    of = ("torque", "", "rad/(N m)", FORMS.deflection / scale.torque, -model.load(s))
     return _of_joints("elasticity", of, first=channel(s.log, LINK, 0))
 
 
-def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def _backlash(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     def kind(side: float) -> Kind:
         setting = f"over {side:g} of its RMS"
         return "side of the torque", setting, "rad", FORMS.deflection, -np.tanh(load / (side * scale.torque))
 
-    load = at.load(s)
-    by_way = ("direction of motion", "", "rad", FORMS.deflection, -at.reversal(s))
+    load = model.load(s)
+    by_way = ("direction of motion", "", "rad", FORMS.deflection, -model.reversal(s))
     return _of_joints("backlash", *map(kind, FORMS.sides), by_way, first=channel(s.log, LINK, 0))
 
 
@@ -355,8 +355,8 @@ def in_all_joints(forms: Mapping[Form, Sequence[str]]) -> dict[Form, tuple[str, 
     return {form: terms for form, terms in out.items() if len(terms) > 1}
 
 
-def columns(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+def columns(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     """Columns of every effect that a log can tell of."""
     for effect in EFFECTS.values():
         if not effect.lacks(s.log):
-            yield from effect.forms(s, at, scale)
+            yield from effect.forms(s, model, scale)

@@ -35,8 +35,8 @@ class Estimate:
     """What the motions of role `calibrate` tell of the baseline, and the noise about it."""
 
     parts: tuple[Signals, ...]
-    at: Operating
-    moved: dict[str, float]  # deviations of `at` from nominal, by the names of terms
+    model: Operating
+    moved: dict[str, float]  # deviations of `model` from nominal, by the names of terms
     rms: np.ndarray  # (n,) N m, of the measured torques
     noise: Noise
 
@@ -66,11 +66,11 @@ class Estimate:
 
     def columns(self, s: Signals) -> Iterable[Column]:
         """Columns of the baseline, linearised at the estimate."""
-        return baseline(s, self.at, self.rms)
+        return baseline(s, self.model, self.rms)
 
     def residual(self, s: Signals) -> np.ndarray:
         """Residuals (N, C) of which a linear fit of all columns finds the deviations from nominal."""
-        out = residuals(s, self.at)
+        out = residuals(s, self.model)
         moving = np.zeros_like(s.torque)
         for term, column in self.columns(s):
             if term.name in self.moved and not term.name.startswith(tuple(s.log.kinds[1:])):
@@ -95,7 +95,7 @@ class Estimate:
         """The same, linearised at a fit."""
         start = nominal(self.parts[0].log, self.rms)
         moved = {name: value for name, value in fit.values.items() if not name.startswith(FORM)}
-        return replace(self, at=moved_to(start, self.parts[0], moved), moved=moved)
+        return replace(self, model=moved_to(start, self.parts[0], moved), moved=moved)
 
 
 def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:
@@ -176,24 +176,24 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
         noise = noise_about(table, fit)
         del table  # before the next: half the memory of a long log
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
-        at = moved_to(start, parts[0], fit.values)
+        model = moved_to(start, parts[0], fit.values)
         if k == NOISE.held and log.torque_kind != SERVO:
-            stuck = _stuck(used, at, noise)
+            stuck = _stuck(used, model, noise)
             parts = tuple(s.changed(stuck=stuck) for s in parts)
-        out = Estimate(parts, at, fit.values, rms, noise)
+        out = Estimate(parts, model, fit.values, rms, noise)
         if log.torque_kind == SERVO and settled:
             break
     return out
 
 
-def _stuck(parts: Sequence[Signals], at: Operating, noise: Noise) -> float | None:
+def _stuck(parts: Sequence[Signals], model: Operating, noise: Noise) -> float | None:
     """Time about rest in which stiction holds joints, s, or None: by the torques of joints at rest."""
     square, count = 0.0, 0
     for s in each(parts):
         rests, n = s.rests, s.log.n
         sd = noise.sd[:n] / NOISE.stuck  # it is wider where stiction is strong
         rests &= sd > 0.0  # of a joint that never moves it is not known
-        square += float(np.sum((s.kept(residuals(s, at)[:, :n]) / np.maximum(sd, 1e-300))[rests] ** 2))
+        square += float(np.sum((s.kept(residuals(s, model)[:, :n]) / np.maximum(sd, 1e-300))[rests] ** 2))
         count += int(np.sum(rests))
     some, strong = NOISE.stiction
     chance = 1.0 + NOISE.sure * np.sqrt(2.0 * NOISE.correlated / max(count, 1))

@@ -90,8 +90,8 @@ class Table:
 
 def predicted(table: Table, fit: Fit, names: Sequence[str]) -> list[np.ndarray]:
     """What some terms of a fit predict in each motion (M, C)."""
-    left = table.residuals({name: fit.values[name] for name in names})
-    return [part.residual - r for part, r in zip(table.parts, left, strict=True)]
+    residuals = table.residuals({name: fit.values[name] for name in names})
+    return [part.residual - r for part, r in zip(table.parts, residuals, strict=True)]
 
 
 def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Signals], np.ndarray]) -> Table:
@@ -231,9 +231,9 @@ class Fit:
         for part in table.parts:
             out = []
             for numbers, x in part.channels:
-                own = size[numbers] > 0.0
+                in_fit = size[numbers] > 0.0
                 rows = np.zeros((len(self.chosen), len(x)))
-                rows[place[numbers[own]]] = (x[:, own] * size[numbers[own]]).T
+                rows[place[numbers[in_fit]]] = (x[:, in_fit] * size[numbers[in_fit]]).T
                 out.append(solve_triangular(self.factor[0], rows, lower=True).T)
             yield out
 

@@ -82,7 +82,7 @@ class NamedArm:
 
     def _columns(self, s: Signals, effect: str) -> Iterator[Column]:
         """Terms of an effect, with their columns."""
-        forms = EFFECTS[effect].forms(s, self.estimate.at, self.scale)
+        forms = EFFECTS[effect].forms(s, self.estimate.model, self.scale)
         return ((term, column) for _, term, column in forms if term.name in self.values)
 
     def _torque(self, s: Signals, term: Term, column: np.ndarray) -> np.ndarray:
@@ -103,8 +103,8 @@ def kind_of(log: Log, term: Term) -> str:
 
 def effect_of(term: str) -> str:
     """The effect whose form has a term of this name; "" of the baseline."""
-    first, _, rest = term.partition(" ")
-    return first if first in EFFECTS and not rest[:1].isdigit() and " of link " not in term else ""
+    first, _, suffix = term.partition(" ")
+    return first if first in EFFECTS and not suffix[:1].isdigit() and " of link " not in term else ""
 
 
 def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
@@ -113,13 +113,13 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
     start, m = nominal(log, estimate.rms), log.mechanism
     z = constrained(fit, Possible.of(fit, start, log)) * fit.sd
     values = dict(zip(fit.names, z.tolist(), strict=True))
-    at = moved_to(start, estimate.parts[0], values)
-    bodies, armature, gravity = at.bodies.copy(), at.armature.copy(), log.gravity.copy()
+    model = moved_to(start, estimate.parts[0], values)
+    bodies, armature, gravity = model.bodies.copy(), model.armature.copy(), log.gravity.copy()
     for k in range(m.n):
         bodies[k] += [values.get(f"inertia joint {k + 1} motion of the link {name}", 0.0) for name in BODY]
         armature[k] = max(armature[k] + values.get(f"armature joint {k + 1} acceleration", 0.0), 0.0)
     for axis, name in zip(np.eye(3), "xy", strict=False):
         tilt = values.get(f"base-tilt base gravity direction {name}", 0.0)
         gravity = gravity + tilt * np.cross(axis, log.gravity)
-    at = replace(at, bodies=bodies, armature=armature)
-    return NamedArm(estimate, scale, fitted_mechanism(m, at, log.torque_kind == SERVO), gravity, values)
+    model = replace(model, bodies=bodies, armature=armature)
+    return NamedArm(estimate, scale, fitted_mechanism(m, model, log.torque_kind == SERVO), gravity, values)

@@ -46,5 +46,5 @@ def to_do(form: Form) -> str:
     other = of[1] if of else who
     driver = form.driver.replace(f" of {other}", "") if other == form.site else form.driver
     what = next(text for words, text in TO_DO if re.search(rf"\b{words}\b", driver))
-    at = f" at {form.site}" if who == form.site else ""
-    return f"{what.format(who=who, other=other)} (to tell what varies with {form.driver}{at})"
+    site = f" at {form.site}" if who == form.site else ""
+    return f"{what.format(who=who, other=other)} (to tell what varies with {form.driver}{site})"

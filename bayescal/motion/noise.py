@@ -156,14 +156,15 @@ def _filters(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Filters (n, p + 1), and (n, p, p) of the first rows, for noise of autocovariances (n, p + 1)."""
     n, order = len(covariance), covariance.shape[1] - 1
     filters, starts = np.empty((n, order + 1)), np.empty((n, order, order))
-    for j, own in enumerate(covariance):
-        if not own[0] > 0.0:  # of a joint that never moves no row counts
-            own = np.eye(order + 1)[0]
+    for j, autocovariance in enumerate(covariance):
+        if not autocovariance[0] > 0.0:  # of a joint that never moves no row counts
+            autocovariance = np.eye(order + 1)[0]
         # with rows missing a matrix of covariances may have negative eigenvalues
-        ridge = NOISE.ridge * own[0] - min(float(np.linalg.eigvalsh(toeplitz(own))[0]), 0.0)
-        ridged = own + np.r_[ridge, np.zeros(order)]
-        by = solve_toeplitz(ridged[:-1], own[1:])
-        filters[j] = np.r_[1.0, -by] / np.sqrt(max(ridged[0] - by @ own[1:], 1e-300))
+        least = float(np.linalg.eigvalsh(toeplitz(autocovariance))[0])
+        ridge = NOISE.ridge * autocovariance[0] - min(least, 0.0)
+        ridged = autocovariance + np.r_[ridge, np.zeros(order)]
+        by = solve_toeplitz(ridged[:-1], autocovariance[1:])
+        filters[j] = np.r_[1.0, -by] / np.sqrt(max(ridged[0] - by @ autocovariance[1:], 1e-300))
         starts[j] = np.linalg.inv(np.linalg.cholesky(toeplitz(ridged[:-1])))
     return filters, starts
 

@@ -47,20 +47,20 @@ class Pool:
     @classmethod
     def of(cls, estimate: Estimate) -> Pool:
         """The candidates beside an estimate."""
-        at, parts = estimate.at, estimate.parts
+        model, parts = estimate.model, estimate.parts
         loads = [float(np.mean(s.payload[s.payload > 0.0])) for s in parts if np.any(s.payload > 0.0)]
         speed = np.sqrt(np.mean(np.concatenate([s.dq for s in parts]) ** 2, axis=0))
-        friction = np.abs(at.coulomb) + speed * np.abs(at.viscous)
-        ranges = Ranges(parts, at)
+        friction = np.abs(model.coulomb) + speed * np.abs(model.viscous)
+        ranges = Ranges(parts, model)
         waves = waves_of(estimate, ranges)
         scale = Scale(estimate.rms, friction, float(np.mean(loads)) if loads else 0.0, waves)
 
         def every(s: Signals) -> Iterable[Column]:
             yield from estimate.columns(s)
-            yield from ((term, column) for _, term, column in _candidates(s, at, scale, ranges))
+            yield from ((term, column) for _, term, column in _candidates(s, model, scale, ranges))
 
         forms: dict[Form, list[str]] = {}
-        for form, term, _ in _candidates(parts[0], at, scale, ranges):
+        for form, term, _ in _candidates(parts[0], model, scale, ranges):
             forms.setdefault(form, []).append(term.name)
         table = tabulated(parts, every, estimate.residual)
         every_form = {f: tuple(names) for f, names in forms.items()}
@@ -75,7 +75,7 @@ class Pool:
     def bank(self, noise: Noise) -> Bank:
         """Quantities and products over all motions."""
         size = CELLS.size * self.scale.friction
-        return Bank(self.table, noise, self.estimate.at, self.ranges, self.scale.waves, size)
+        return Bank(self.table, noise, self.estimate.model, self.ranges, self.scale.waves, size)
 
     def search(self, p: Normal) -> Search:
         """The search over the motions of some normal equations."""
@@ -93,33 +93,33 @@ class Pool:
         beside = {name: values[name] for name in chain.from_iterable(self.extra.values()) if name in values}
         parts = self.table.of_role(role).parts
         for part, s in zip(parts, each([p.signals for p in parts]), strict=True):
-            smooth, at = s.changed(torque=low_passed(s.torque, s.step, s.band)), self.estimate.at
-            left = self.estimate.residual(smooth)
+            smooth, model = s.changed(torque=low_passed(s.torque, s.step, s.band)), self.estimate.model
+            residual = self.estimate.residual(smooth)
             for term, column in self._chosen(smooth, values.keys()):
                 if value := values.get(term.name, 0.0):
                     for j, part_of_term in by_channel(term, column):
-                        left[:, j] -= value * part_of_term
+                        residual[:, j] -= value * part_of_term
             # without the other channels
-            left = s.unfiltered(left[:, : s.log.n] + at.measured(s) - at.measured(smooth))
+            residual = s.unfiltered(residual[:, : s.log.n] + model.measured(s) - model.measured(smooth))
             if beside:
                 explained = part.residual - Table(self.table.terms, (part,)).residuals(beside)[0]
                 rows, all_rows = s.kept(s.time), s.unfiltered(s.time)
                 every = [np.interp(all_rows, rows, x) for x in explained[:, : s.log.n].T]
-                left = left - np.column_stack(every)
-            yield s, left
+                residual = residual - np.column_stack(every)
+            yield s, residual
 
     def _chosen(self, s: Signals, names: Collection[str]) -> Iterable[Column]:
         """Columns of the baseline, and of candidates with some names."""
         yield from self.estimate.columns(s)
-        at = self.estimate.at
-        named = columns(s, at, self.scale)
-        general = cells(s, at, self.scale, self.ranges) if any(n.startswith(UNKNOWN) for n in names) else ()
+        model, unknown = self.estimate.model, any(n.startswith(UNKNOWN) for n in names)
+        named = columns(s, model, self.scale)
+        general = cells(s, model, self.scale, self.ranges) if unknown else ()
         yield from ((term, column) for _, term, column in chain(named, general) if term.name in names)
 
 
-def _candidates(s: Signals, at: Operating, scale: Scale, ranges: Ranges) -> Iterable[FormColumn]:
+def _candidates(s: Signals, model: Operating, scale: Scale, ranges: Ranges) -> Iterable[FormColumn]:
     """Columns of effects and cells."""
-    return chain(columns(s, at, scale), cells(s, at, scale, ranges))
+    return chain(columns(s, model, scale), cells(s, model, scale, ranges))
 
 
 def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
@@ -129,7 +129,7 @@ def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
     kinds = ("", *SEARCH.in_proportion)
     steady, changing, in_proportion, tried = [], [], [], 0
     log = table.parts[0].signals.log
-    kept = [kept_signals(p.signals, estimate.at, ranges) for p in table.parts]
+    kept = [kept_signals(p.signals, estimate.model, ranges) for p in table.parts]
     for j in range(log.n):
         waves = _grid(log, j, float(np.ptp(np.concatenate([k.q[:, j] for k in kept]))))
         score, size = np.zeros((len(kinds), len(waves)), complex), np.zeros((len(kinds), len(waves)))

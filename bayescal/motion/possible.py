@@ -36,10 +36,10 @@ class Possible:
         by, least = np.zeros((n, 4, 4, len(sd))), np.full(len(sd), -np.inf)
         for k in range(n):
             for p, name in enumerate(BODY):
-                own = np.where(np.arange(len(BODY)) == p, 1.0, 0.0)
+                unit = np.where(np.arange(len(BODY)) == p, 1.0, 0.0)
                 for term in (f"{name} of link {k + 1}", f"inertia joint {k + 1} motion of the link {name}"):
                     if (column := number.get(term)) is not None:
-                        by[k, :, :, column] = pseudo_inertia(own) * sd[column]
+                        by[k, :, :, column] = pseudo_inertia(unit) * sd[column]
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
                 least[column] = -getattr(start, stem)[k] / sd[column]

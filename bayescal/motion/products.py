@@ -50,7 +50,7 @@ class Bank:
 
     table: Table
     noise: Noise
-    at: Operating
+    model: Operating
     ranges: Ranges
     waves: Waves
     size: np.ndarray  # (n,) N m, standard deviation of one function; of an angle it is `FORMS.deflection`
@@ -64,7 +64,7 @@ class Bank:
 
     def _computed(self) -> Iterator[tuple[Part, Kept, tuple[Argument, ...]]]:
         for part, s in zip(self.table.parts, each([p.signals for p in self.table.parts]), strict=True):
-            yield part, *quantities(s, self.at, self.ranges, self.waves)
+            yield part, *quantities(s, self.model, self.ranges, self.waves)
 
     @cached_property
     def _stored(self) -> tuple[tuple[Part, Kept, tuple[Argument, ...]], ...]:

@@ -45,17 +45,17 @@ class Kept:
     way: np.ndarray  # (M, n) direction of motion
 
 
-def quantities(s: Signals, at: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
+def quantities(s: Signals, model: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
     """Signals of a motion that errors are in proportion to, and quantities that they may depend on."""
-    k = kept_signals(s, at, r)
-    return k, tuple(_arguments(s, at.load(s), at.torque(s), r, k, waves))
+    k = kept_signals(s, model, r)
+    return k, tuple(_arguments(s, model.load(s), model.torque(s), r, k, waves))
 
 
-def kept_signals(s: Signals, at: Operating, r: Ranges) -> Kept:
+def kept_signals(s: Signals, model: Operating, r: Ranges) -> Kept:
     """Signals of a motion that errors are in proportion to."""
     return Kept(
         s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
-        s.kept(at.load(s)) / r.usual_load, s.kept(at.reversal(s)),
+        s.kept(model.load(s)) / r.usual_load, s.kept(model.reversal(s)),
     )  # fmt: skip
 
 

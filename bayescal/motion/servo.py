@@ -78,20 +78,22 @@ def _stiffness(log: Log) -> tuple[np.ndarray, tuple[str, ...]]:
     e, x = np.concatenate(errors), np.concatenate(columns)
     doubt = np.sqrt(np.sum(np.var(np.concatenate(doubts), axis=0), axis=1))
     loaded = np.std(x[:, :, 0], axis=0) > SERVOS.loaded * doubt
-    known = np.full(log.n, np.nan)
+    estimated = np.full(log.n, np.nan)
     for j in range(log.n):
         gains, *_ = np.linalg.lstsq(x[:, j], e[:, j], rcond=None)
         moves = abs(gains[0]) * np.std(x[:, j, 0])
         if loaded[j] and gains[0] > 0.0 and moves > SERVOS.sag * np.std(e[:, j] - x[:, j] @ gains):
-            known[j] = 1.0 / gains[0]
-    if np.all(np.isnan(known)):
+            estimated[j] = 1.0 / gains[0]
+    if np.all(np.isnan(estimated)):
         what = "the stiffness of the servos does not follow from the log: no joint sags by gravity"
         raise BayescalError(what, log.name, "state `kp_Nm_per_rad`")
-    names = [name for name, value in zip(log.mechanism.joint_names, known, strict=True) if np.isnan(value)]
-    stiffness = np.where(np.isnan(known), np.nanmedian(known), known)
+    names = [
+        name for name, value in zip(log.mechanism.joint_names, estimated, strict=True) if np.isnan(value)
+    ]
+    stiffness = np.where(np.isnan(estimated), np.nanmedian(estimated), estimated)
     text = ", ".join(f"{value:.3g}" for value in stiffness)
-    rest = f"; of {listed(names)}, which gravity does not load enough, the median is assumed" if names else ""
-    return stiffness, (f"stiffness of the servos by gravity on the stated masses: {text} N m/rad{rest}",)
+    note = f"; of {listed(names)}, which gravity does not load enough, the median is assumed" if names else ""
+    return stiffness, (f"stiffness of the servos by gravity on the stated masses: {text} N m/rad{note}",)
 
 
 @compiled()

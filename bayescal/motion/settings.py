@@ -59,7 +59,7 @@ class SignalSettings:
     still: tuple[float, float] = (2.0, 4.0)
     """RMS of the speeds of a joint over `stuck`, over their noise, up to which it rests, and from which on it
     moves (assumed)."""
-    rest: float = 2e-3
+    rest_range: float = 2e-3
     """rad, of a motion, up to which a joint is taken to rest: what holds it is not its friction (assumed)."""
     long: int = 60_000
     """Samples of a log from which on torques are computed again instead of being kept (cost: 3 kB each)."""

@@ -60,8 +60,8 @@ class Signals:
         weight = np.where(self.telling, self.free, 0.0)
         if self.log.torque_kind == SERVO:
             return weight
-        known = _faster(self.dq, np.multiply.outer(SIGNALS.still, self.unsure), 0.5 / self.band / self.step)
-        return np.where(self.unsure > SIGNALS.blurred, weight * known, weight)
+        fast = _faster(self.dq, np.multiply.outer(SIGNALS.still, self.unsure), 0.5 / self.band / self.step)
+        return np.where(self.unsure > SIGNALS.blurred, weight * fast, weight)
 
     @property
     def free(self) -> np.ndarray:
@@ -117,7 +117,7 @@ class Signals:
         Of a joint that rests in all motions of the role too; all samples if no joint moves in any.
         """
         moves = np.abs(self.unfiltered(self.dq)) > OUTCOME.moving
-        turned = [np.ptp(m.position, axis=0) > SIGNALS.rest for m in self.log.of_role(self.role)]
+        turned = [np.ptp(m.position, axis=0) > SIGNALS.rest_range for m in self.log.of_role(self.role)]
         still = ~np.any(turned, axis=0) | (self.log.torque_kind == SERVO)
         some = np.any(moves, axis=1, keepdims=True) | ~np.any(turned)
         return moves | (some & still)
@@ -156,9 +156,9 @@ def root_mean_square(parts: Iterable[np.ndarray]) -> np.ndarray:
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(counts, axis=0), 1)))
 
 
-def where_moving(left: np.ndarray, s: Signals) -> np.ndarray:
+def where_moving(samples: np.ndarray, s: Signals) -> np.ndarray:
     """Samples (N, n) of a motion, NaN where the joint rests: stiction may hold it with any torque."""
-    return np.where(s.moves, left, np.nan)
+    return np.where(s.moves, samples, np.nan)
 
 
 def moving(dq: np.ndarray, noise: np.ndarray, step: float) -> np.ndarray:
@@ -194,7 +194,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
     gain = np.linalg.norm(derivative(impulse(len(q), step, bands.wide), step))
     dq = derivative(q, step)
     # of a joint at rest the noise of its position would be the driver of its friction
-    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq * moving(dq, sd * gain, step), 0.0)
+    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest_range, dq * moving(dq, sd * gain, step), 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * bands.rows))

@@ -133,12 +133,12 @@ class Operating:
         return np.column_stack([spline(later[:, j])[:, j] for j in range(later.shape[1])])
 
 
-def later(s: Signals, at: Operating) -> np.ndarray:
+def later(s: Signals, model: Operating) -> np.ndarray:
     """Columns (N, n) of a later torque: minus its rate; of servos the rate of the commands."""
     if s.log.torque_kind != SERVO:
-        return -derivative(at.measured(s), s.step)
+        return -derivative(model.measured(s), s.step)
     # where friction holds a joint, it takes up what the command changes
-    return s.log.controller.stiffness * derivative(at.commands(s, at.shift), s.step) * at.stuck(s)[2]
+    return s.log.controller.stiffness * derivative(model.commands(s, model.shift), s.step) * model.stuck(s)[2]
 
 
 def nominal(log: Log, rms: np.ndarray) -> Operating:
@@ -158,8 +158,8 @@ def slopes_of(body: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)  # the same of every motion
-def _slopes(mass: float, at: tuple[float, ...]) -> np.ndarray:
-    centre = np.array(at)
+def _slopes(mass: float, centre_of_mass: tuple[float, ...]) -> np.ndarray:
+    centre = np.array(centre_of_mass)
     zero, none = np.zeros(3), np.zeros((3, 3))
     by = np.zeros((10, 10))
     by[:, 0] = inertial(1.0, centre, none)
@@ -186,22 +186,22 @@ def prior_of_body(m: Mechanism, k: int) -> np.ndarray:
 UNITS = ("kg", "m", "m", "m", *["kg m2"] * 6)
 
 
-def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
+def baseline(s: Signals, model: Operating, rms: np.ndarray) -> Iterator[Column]:
     """Columns of what every model has: bodies, rotors, friction, offsets, times of the torques.
 
     `rms` (n,), N m, is that of the measured torques: the scale of what is not stated.
     """
     m, log = s.log.mechanism, s.log
     for k in range(m.n):
-        by, sd = slopes_of(at.bodies[k]), prior_of_body(m, k)
-        columns = at.gain[:, None] * (s.rigid[:, :, k] @ by)
+        by, sd = slopes_of(model.bodies[k]), prior_of_body(m, k)
+        columns = model.gain[:, None] * (s.rigid[:, :, k] @ by)
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
-    way, friction, servo = at.reversal(s), at.by_friction(s), log.torque_kind == SERVO
-    gain = np.ones(m.n) if servo else at.gain
-    turning = -gain * at.coulomb * (1.0 - way**2)
-    slopes, forms = turning * s.dq / at.transition, turning * way
+    way, friction, servo = model.reversal(s), model.by_friction(s), log.torque_kind == SERVO
+    gain = np.ones(m.n) if servo else model.gain
+    turning = -gain * model.coulomb * (1.0 - way**2)
+    slopes, forms = turning * s.dq / model.transition, turning * way
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     for j in range(m.n):
         stated, sd = m.u.armature * m.armature[j], BASELINE.friction * scale[j]
@@ -214,13 +214,13 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
             yield Term(f"transition {j + 1}", "1", BASELINE.transition, j, True), slopes[:, j]
             yield Term(f"{FORM} {j + 1}", "1", BASELINE.reversal, j, True), forms[:, j]
         if log.u_constant:
-            shown = at.load(s) if servo else at.torque(s)
+            shown = model.load(s) if servo else model.torque(s)
             yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
     if not servo:
         yield Term("transition", "1", m.u.transition, moves=True), slopes
         yield Term(FORM, "1", BASELINE.reversals, moves=True), forms
-    yield Term("alignment", "s", log.u_alignment), later(s, at)
-    driven = at.driven(s) if TRACKING in log.kinds else None
+    yield Term("alignment", "s", log.u_alignment), later(s, model)
+    driven = model.driven(s) if TRACKING in log.kinds else None
     for kind in log.kinds[1:]:
         for j in range(m.n):
             number = channel(log, kind, j)
@@ -236,15 +236,15 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
                 yield Term(f"{kind} rate of torque {j + 1}", "s", BASELINE.answer, number), rate
 
 
-def residuals(s: Signals, at: Operating) -> np.ndarray:
+def residuals(s: Signals, model: Operating) -> np.ndarray:
     """Residuals (N, C) of all channels: torques less those of the model; tracking; links."""
-    out = [at.measured(s) - at.shown(s)]
+    out = [model.measured(s) - model.shown(s)]
     for kind in s.log.kinds[1:]:
         if kind == TRACKING:
             assert s.command is not None
             assert s.log.controller.stiffness is not None
             # by the torque of the model: the noise of a measured torque is in the residual too
-            out.append(s.command - s.q - (at.driven(s) + damped(s)) / s.log.controller.stiffness)
+            out.append(s.command - s.q - (model.driven(s) + damped(s)) / s.log.controller.stiffness)
         else:
             assert s.link is not None
             out.append(s.link - s.q)

@@ -223,7 +223,7 @@ def placed(m: Mechanism, readings: np.ndarray) -> np.ndarray:
 def _slopes(estimate: Estimate) -> np.ndarray:
     """Of masses and first moments by the parameters of the log, (4n, 4n)."""
     count = len(SHARED)
-    return block_diag(*(slopes_of(body)[:count, :count] for body in estimate.at.bodies))
+    return block_diag(*(slopes_of(body)[:count, :count] for body in estimate.model.bodies))
 
 
 def _further(

@@ -146,7 +146,7 @@ def test_events_are_found_where_they_are(pool):
 def test_a_name_is_as_sure_as_its_relatives_allow(pool, varies):
     def error(part):
         s = part.signals
-        friction = 0.06 * np.abs(pool.estimate.at.load(s)[:, 1]) * np.tanh(s.dq[:, 1] / 0.03)
+        friction = 0.06 * np.abs(pool.estimate.model.load(s)[:, 1]) * np.tanh(s.dq[:, 1] / 0.03)
         by = 1.0 - np.tanh(3.0 * (s.kept(s.q[:, 0]) - 0.2)) if varies else 1.0
         return at_joint(s.kept(friction) * by, 1, part.residual)
 
@@ -304,7 +304,7 @@ def test_no_harmonic_of_a_ripple_is_expected_to_be_larger_than_the_first(pool):
     s = pool.table.parts[0].signals
     scale = replace(pool.scale, waves=Waves(((0, 30.0), (2, 50.0))))
     forms = {}
-    for form, term, column in EFFECTS["ripple"].forms(s, pool.estimate.at, scale):
+    for form, term, column in EFFECTS["ripple"].forms(s, pool.estimate.model, scale):
         rate = np.std(np.diff(column)) / np.std(column)
         forms.setdefault(form, []).append((rate, term.sd, term.channel))
     assert len(forms) >= 4

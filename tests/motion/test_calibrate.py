@@ -44,7 +44,7 @@ def test_withheld_errors_are_as_expected(result):
 
 def test_expected_errors_are_noise_and_what_uncertain_parameters_add(null_estimate):
     """In the mean over the withheld motions: more of them change the interval alone."""
-    fit, at = null_estimate.fit(), null_estimate.at
+    fit, at = null_estimate.fit(), null_estimate.model
     fitted_rows, held = (of_role(null_estimate.parts, role) for role in ("calibrate", "validate"))
     left = [where_moving(s.unfiltered(at.measured(s) - at.shown(s)), s) for s in fitted_rows]
     noise = np.sqrt(np.nanmean(np.concatenate(left) ** 2, axis=0))

@@ -62,7 +62,7 @@ def test_of_a_null_log_nothing_is_named(gaps):
 
 
 def test_the_shift_of_torques_is_that_of_the_baseline(gaps, null_estimate):
-    shift = null_estimate.at.shift[0]
+    shift = null_estimate.model.shift[0]
     assert shift != 0.0
     assert gaps["null"].record["torque_shift_ms"] == pytest.approx(1e3 * shift, rel=0.05)
 

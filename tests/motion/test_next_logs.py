@@ -36,7 +36,7 @@ def test_each_quantity_has_what_to_do(site, driver, said):
 
 def test_every_general_function_has_a_line_of_its_own(null_estimate):
     """The last line, of what is in no other, is for directions alone."""
-    s, at = null_estimate.parts[0], null_estimate.at
+    s, at = null_estimate.parts[0], null_estimate.model
     scale = Scale(null_estimate.rms, abs(at.coulomb), 0.0)
     forms = {form for form, _, _ in cells(s, at, scale, Ranges(null_estimate.parts, at))}
     assert len(forms) > 20

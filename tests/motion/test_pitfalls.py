@@ -85,7 +85,7 @@ def test_derivatives_keep_five_hertz_at_a_hundred():
 
 def test_another_transition_speed_of_friction_is_estimated(tmp_path):
     estimate = estimated(all_signals(read_log(write(tmp_path / "log", other_transition))))
-    assert estimate.at.transition == pytest.approx(0.042, rel=0.12)
+    assert estimate.model.transition == pytest.approx(0.042, rel=0.12)
     assert best_gain(Pool.of(estimate), estimate.noise) < 5.0
 
 
@@ -183,7 +183,7 @@ def test_torques_of_stiction_are_no_effect(tmp_path, monkeypatch):
     assert (free.parts[0].stuck, held.parts[0].stuck) == (None, SIGNALS.stuck)
     assert free.limits == free.parts[0].log.limits
     assert held.limits[-1].startswith("stiction holds joints at rest: ")
-    assert held.at.coulomb == pytest.approx(free.at.coulomb, rel=0.02)
+    assert held.model.coulomb == pytest.approx(free.model.coulomb, rel=0.02)
     assert best_gain(Pool.of(held), held.noise) < 8.0  # of some hundred forms, before their prior
     every = replace(held, parts=tuple(s.changed(stuck=None) for s in held.parts))
     assert best_gain(Pool.of(every), free.noise) > 50.0
