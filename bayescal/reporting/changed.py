@@ -197,14 +197,14 @@ def found_from(record: Json) -> list[str]:
     """What would have been found, in a sentence for each kind of parameter."""
     parts = []
     for label, entries in detectable_kinds(record).items():
-        if known := [x for x in entries if x["value"] is not None]:
-            ends = dict.fromkeys(f"{f(x['tcp_um'] for x in known):.0f}" for f in (min, max))
+        if seen := [x for x in entries if x["value"] is not None]:
+            ends = dict.fromkeys(f"{f(x['tcp_um'] for x in seen):.0f}" for f in (min, max))
             parts.append(f"{label} {' to '.join(ends)} µm")
     said = {x["parameter"] for x in record["items"] if x["stated"]}
     unseen = [
         x["parameter"]
-        for own in detectable_kinds(record).values()
-        for x in own
+        for group in detectable_kinds(record).values()
+        for x in group
         if x["value"] is None and x["parameter"] not in said
     ]
     out = [f"A change would have been found (9 times in 10) if it moved the TCP by: {'; '.join(parts)}."]
@@ -285,7 +285,7 @@ def least(x: Json) -> str | None:
 
 def detectable_sheet(record: Json) -> Sheet:
     """The smallest change of every parameter that would have been found."""
-    items = [x for own in detectable_kinds(record).values() for x in own]
+    items = [x for group in detectable_kinds(record).values() for x in group]
     items += [x for x in record["detectable"] if x not in items]
     columns = (
         Column("parameter", "parameter"),

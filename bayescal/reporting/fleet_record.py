@@ -97,15 +97,15 @@ def _arms(sessions: Sequence[Json], models: Sequence[Model]) -> list[dict[str, A
     out = []
     for m in models:
         for arm in m.arms:
-            own = [s for s in sessions if s["arm"] == arm and s["robot"] == m.robot and s["fit"]]
-            seen = {(e["effect"], e["site"]): e for s in own for e in s["effects"]}
+            of_arm = [s for s in sessions if s["arm"] == arm and s["robot"] == m.robot and s["fit"]]
+            seen = {(e["effect"], e["site"]): e for s in of_arm for e in s["effects"]}
             out.append(
                 {
                     "arm": arm,
                     "robot": m.robot,
-                    "sessions": [s["session"] for s in own],
-                    "expanded_U_um": own[-1]["fit"]["expanded_U_um"],
-                    "measured_rms_um": own[-1]["fit"]["measured_rms_um"],
+                    "sessions": [s["session"] for s in of_arm],
+                    "expanded_U_um": of_arm[-1]["fit"]["expanded_U_um"],
+                    "measured_rms_um": of_arm[-1]["fit"]["measured_rms_um"],
                     "effects": list(seen.values()),
                     "differs": [_difference(d) for d in m.unlike if d.arm == arm],
                     "changed": [_difference(d) for d in m.changed if d.arm == arm],
@@ -121,19 +121,19 @@ def _order(arm: Json) -> tuple[Any, ...]:
 
 
 def _difference(d: Difference) -> dict[str, Any]:
-    found = {"parameter": d.parameter.name, "unit": UNITS[d.parameter.unit][0]}
-    found |= entry(d, "value", "u", unit=d.parameter.unit) | entry(d, "p_value=p", "p_all", "stated")
-    return found | {"since": d.since or None}
+    out = {"parameter": d.parameter.name, "unit": UNITS[d.parameter.unit][0]}
+    out |= entry(d, "value", "u", unit=d.parameter.unit) | entry(d, "p_value=p", "p_all", "stated")
+    return out | {"since": d.since or None}
 
 
 def _effects(sessions: Sequence[Json]) -> list[dict[str, Any]]:
     """Effects by site: the arms of which a session has it named, and the number expected of all arms."""
-    found: dict[tuple[str, str, str], list[tuple[str, Json]]] = {}
+    by_site: dict[tuple[str, str, str], list[tuple[str, Json]]] = {}
     for s in sessions:
         for e in s["effects"]:
-            found.setdefault((s["robot"], e["effect"], e["site"]), []).append((s["arm"], e))
+            by_site.setdefault((s["robot"], e["effect"], e["site"]), []).append((s["arm"], e))
     out = []
-    for (robot, effect, site), each in found.items():
+    for (robot, effect, site), each in by_site.items():
         chances: dict[str, float] = {}
         for s in sessions:
             if s["robot"] == robot and s["gap"]:

@@ -188,7 +188,7 @@ MOST_ROWS = 20
 
 def summary(record: Json) -> RenderableType:
     """What was found, the arms, those with findings first, and how many sessions were fitted."""
-    lines = [row for heading, found in findings(record) for row in text.under(heading, found)]
+    lines = [row for heading, sentences in findings(record) for row in text.under(heading, sentences)]
     lines += text.under("learnt prior", map(learnt, record["models"]))
     table = arms(record)
     some = Sheet(table.columns, table.items[:MOST_ROWS], table.caption)
@@ -214,9 +214,9 @@ def fleet_page(record: Json) -> str:
         each = [(name, of_session(by_name[name])) for name in arm["sessions"]]
         return Markup("<br>").join(Markup("{}: {}").format(name, links or "") for name, links in each)
 
-    found = findings(record)
+    groups = findings(record)
     sections: list[Section | None] = [
-        _first(record, found),
+        _first(record, groups),
         blocks("arms", "Arms, those with findings first", arms(record, of_arm)),
         blocks("effects", "Effects", effects(record)),
     ]
@@ -244,8 +244,8 @@ MEANING = (
 )
 
 
-def _first(record: Json, found: Sequence[tuple[str, list[str]]]) -> Section:
-    of = {heading: lines for heading, lines in found if lines}
+def _first(record: Json, groups: Sequence[tuple[str, list[str]]]) -> Section:
+    of = {heading: lines for heading, lines in groups if lines}
     count = record["count"]
     words = [line for heading, lines in of.items() for line in lines if heading != "failed"]
     clean = "No arm differs from the others, changed, or shares an effect with another"

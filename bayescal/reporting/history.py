@@ -92,13 +92,13 @@ def size(p: Json, record: Json) -> str:
 
 def words(record: Json) -> list[str]:
     """The conclusion in sentences."""
-    found, limit = changed(record), record["limit"]
+    with_change, limit = changed(record), record["limit"]
     count = f"{len(record['runs'])} sessions"
-    if not found:
+    if not with_change:
         out = [f"No parameter changed over {count}."]
     else:
-        out = [f"{len(found)} of {len(record['parameters'])} parameters changed over {count}."]
-        for p in found[:FEW]:
+        out = [f"{len(with_change)} of {len(record['parameters'])} parameters changed over {count}."]
+        for p in with_change[:FEW]:
             what = "drifts by" if p["change"] == TREND else f"changed from {p['from_run']} on by"
             out.append(f"{p['name']} {what} {size(p, record)} (probability {probability(p['probability'])}).")
     if limit:
@@ -167,9 +167,11 @@ def _panel(p: Json, record: Json) -> tuple[str, Any]:
 
 def history_page(record: Json) -> str:
     """The page, as text."""
-    found = changed(record)
+    with_change = changed(record)
     others = [p for p in record["parameters"] if not p["change"]]
-    word, tone, sign = (f"{len(found)} changed", "warn", "!") if found else ("Nothing changed", "good", "✓")
+    word, tone, sign = (
+        (f"{len(with_change)} changed", "warn", "!") if with_change else ("Nothing changed", "good", "✓")
+    )
     keys = [("sessions", str(len(record["runs"])), "runs of fit or gap")]
     if record["limit"]:
         middle = record["limit"]["time_after_last_run"][1]
@@ -192,8 +194,8 @@ def history_page(record: Json) -> str:
         blocks(
             "changed",
             "What changed",
-            Figures(tuple(_panel(p, record) for p in found)) if found else None,
-            course_sheet(record, found),
+            Figures(tuple(_panel(p, record) for p in with_change)) if with_change else None,
+            course_sheet(record, with_change),
         ),
         blocks("others", "Other parameters", course_sheet(record, others)),
         blocks("runs", "Runs", runs),

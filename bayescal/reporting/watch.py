@@ -92,7 +92,7 @@ def write_watch(
     events: Sequence[Event], contacts: Sequence[Contact], record: Json, folder: Path, pictures: bool
 ) -> tuple[str, ...]:
     """Write the run folder of the last complete fit, as `bayescal fit` does, and what was watched."""
-    found = [e.fit for e in events if isinstance(e, Complete)][-1]
+    last_fit = [e.fit for e in events if isinstance(e, Complete)][-1]
     more = {
         RECORD: json_text(record).encode(),
         TABLE: csv_text(KEYS, ([c[key] for key in KEYS] for c in record["contacts"])).encode(),
@@ -100,7 +100,7 @@ def write_watch(
     if pictures:
         with drawing():
             more[FIGURE] = png_of(draw(events, contacts))
-    return write_fit(found, folder, fit_record(found), pictures, more=more)
+    return write_fit(last_fit, folder, fit_record(last_fit), pictures, more=more)
 
 
 def draw(events: Sequence[Event], contacts: Sequence[Contact]) -> Any:

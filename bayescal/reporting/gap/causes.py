@@ -353,8 +353,8 @@ def established(gap: Gap, named: Named) -> str:
 
 def _times_u(gap: Gap, named: Named) -> float:
     """Largest amplitude of a named effect, over its u; infinite if it has none."""
-    own = [a for a in gap.amplitudes if a.effect == named.effect]
-    return max((abs(a.value) / a.u for a in own if a.u), default=np.inf)
+    amplitudes = [a for a in gap.amplitudes if a.effect == named.effect]
+    return max((abs(a.value) / a.u for a in amplitudes if a.u), default=np.inf)
 
 
 def _little(nats: float, se: float, gap: Gap) -> str:

@@ -70,8 +70,8 @@ def named(effect: Named, gap: Gap) -> str:
 
 def _beside_base(effect: Named, gap: Gap) -> str:
     """What is not distinguishable from the base that an effect acts at; "" if nothing."""
-    own = [w for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind]
-    return beside_base(gap.dataset, [w.driver.kind for w in own])
+    places = [w for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind]
+    return beside_base(gap.dataset, [w.driver.kind for w in places])
 
 
 def together(each: Sequence[Site]) -> str:
@@ -210,29 +210,31 @@ def _nothing(gap: Gap) -> str:
     """The headline of a diagnosis that names no effect and sees no unmodelled one."""
     verdict = gap.verdict
     null = verdict.probability["null"]
-    found, likeliest = "No effect found", null >= max(verdict.probability.values())
+    conclusion, likeliest = "No effect found", null >= max(verdict.probability.values())
     if not likeliest:
-        found = f"Undecided: noise only has probability {probability(null)}, and no effect is established"
+        conclusion = (
+            f"Undecided: noise only has probability {probability(null)}, and no effect is established"
+        )
     size = gap.magnitude.measured[:1]
     loose = bool(size) and size[0].predicted_rms > OUTCOME.loose * gap.magnitude.noise
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
     if odd:
         why = "; these measurements do not show why" if loose else ""
-        return f"{found}, but errors of {listed(odd)} are larger than the model predicts{why}"
+        return f"{conclusion}, but errors of {listed(odd)} are larger than the model predicts{why}"
     if loose:
-        return f"{found}: with these measurements the model is too uncertain to show any"
+        return f"{conclusion}: with these measurements the model is too uncertain to show any"
     unknown = sum(u.combinations for u in gap.undetermined if u.matters)
     if gap.arm is not None and unknown > MOST * len(gap.arm.model.parameters):
         of = f"{unknown} of {len(gap.arm.model.parameters)} combinations of parameters"
-        return f"{found}, but {of} are not identifiable: these measurements show little of the arm"
+        return f"{conclusion}, but {of} are not identifiable: these measurements show little of the arm"
     explains = likeliest and not unexplained_of(gap) and gap.scatter is None
-    return "No effect above noise: the model explains these data" if explains else found
+    return "No effect above noise: the model explains these data" if explains else conclusion
 
 
 def unexplained_of(gap: Gap) -> str:
     """Residuals of the baseline that its noise does not explain, as a fit states them; "" where it does."""
-    left = left_by(gap.calibrated) if gap.calibrated else None
-    return left.words if left and left.excess else ""
+    misfit = left_by(gap.calibrated) if gap.calibrated else None
+    return misfit.words if misfit and misfit.excess else ""
 
 
 def components(gap: Gap) -> int:
@@ -262,8 +264,8 @@ def _noisy(gap: Gap) -> list[str]:
     if gap.scatter is not None:
         causes = "poses that do not repeat, a trigger that varies or an image stabiliser"
         return [f"But {gap.scatter.words}: {causes}; it counts as scatter, not as an effect"]
-    if left := unexplained_of(gap):
-        return [f"But the fit leaves {left}: noise above that, or a cause without a pattern"]
+    if misfit := unexplained_of(gap):
+        return [f"But the fit leaves {misfit}: noise above that, or a cause without a pattern"]
     m, stated = gap.magnitude, gap.dataset.noise
     points = [x.what for x in m.measured[:1]] == [VALIDATION_POINTS]
     expected = stated.point if points else stated.contact

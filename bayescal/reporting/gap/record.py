@@ -174,13 +174,15 @@ def contact_records(advice: result.Advice, number: int, robot: Robot) -> list[di
     Of an arm with prismatic joints `units` are those of its joints.
     """
     slides = bool(robot.slides.any())
-    at, speed, more = ("j", "j_per_s", {"units": list(robot.units)}) if slides else ("j_deg", "j_degps", {})
+    position, speed, more = (
+        ("j", "j_per_s", {"units": list(robot.units)}) if slides else ("j_deg", "j_degps", {})
+    )
     return [
         {
             "id": f"next-{number}-{k:03d}",
             "target": c.target,
             "tool": c.tool,
-            at: list(robot.shown(c.readings)),
+            position: list(robot.shown(c.readings)),
             speed: None if c.velocity is None else list(robot.shown(c.velocity)),
             **more,
             "payload_kg": c.payload,

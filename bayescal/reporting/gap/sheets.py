@@ -360,7 +360,7 @@ def unshown(record: Json) -> dict[str, list[str]]:
 
 def measured_as(record: Json, contacts: Sequence[Json]) -> str:
     """Whether contacts that are advised are images of a camera, or contacts."""
-    cameras = {found["target"] for found in record.get("images", ())}
+    cameras = {camera["target"] for camera in record.get("images", ())}
     if not contacts:  # as those of the session
         return "image" if cameras else "contact"
     return "image" if all(c["target"] in cameras for c in contacts) else "contact"

@@ -70,7 +70,7 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     v, log, s = gap.verdict, gap.estimate.parts[0].log, gap.shrinkage
     unit, by = shown_unit(log)
-    own = {
+    errors = {
         f"before_rms_{unit}": by * s.before,
         f"after_rms_{unit}": by * s.after,
         f"floor_{unit}": by * s.floor,
@@ -93,8 +93,8 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         "where": [_place(p, unit, by) for p in gap.where],
         "torque_rms_Nm": None if servo else {"before": s.before, "after": s.after},
         "shrinkage": {
-            "torque": None if servo else own,
-            "tracking": {**own, "replay": _replay(gap)} if servo else _replay(gap),
+            "torque": None if servo else errors,
+            "tracking": {**errors, "replay": _replay(gap)} if servo else _replay(gap),
         },
         "withheld": {
             **entry(s.course, "motion", "time_s=time"),

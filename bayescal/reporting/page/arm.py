@@ -57,7 +57,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     shown = [o for o in outlines(arm, angles, view) if contacts or o.kind != "artefact"]
     count = len(arm["joints"]) + len(sites)
     sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]), count)
-    line = sheet.at(flat[: len(chain)])
+    line = sheet.to_svg(flat[: len(chain)])
     joints, links = numbers(sites, "joint"), numbers(sites, "link")
     kinds = {s.kind for s in sites}
     tip = bool(kinds & {"tool", "probe"})
@@ -69,7 +69,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
 
     parts = [
         svg.line(
-            sheet.at(o.polygon),
+            sheet.to_svg(o.polygon),
             f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o),
             "polygon",
         )
@@ -80,7 +80,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         residual = np.array(rows["residual_um"], float)
         edge = float(np.nanquantile(np.abs(residual), 0.97)) if np.any(np.isfinite(residual)) else 1.0
         shade = np.clip(np.nan_to_num(np.abs(residual) / (edge or 1.0)), 0, 1)
-        for (x, y), s in zip(sheet.at(flat[len(chain) :]), shade, strict=True):
+        for (x, y), s in zip(sheet.to_svg(flat[len(chain) :]), shade, strict=True):
             style = f"contact level{int(4 * min(s, 0.999))}"
             parts.append(f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{1.4 + 1.8 * s:.1f}"/>')
     if not any(o.joint == 0 for o in shown):  # a base without a length has no capsule
@@ -128,7 +128,7 @@ class _Sheet:
         more = max(TOP + LINE * (labels - 1) + BOTTOM - height, 0.0)
         return cls(width + LABELS, height + more, scale, np.array([low[0], high[1] + 0.5 * more / scale]))
 
-    def at(self, seen: np.ndarray) -> np.ndarray:
+    def to_svg(self, seen: np.ndarray) -> np.ndarray:
         """Points (..., 2) of a view in the SVG."""
         return MARGIN + self.scale * (seen - self.corner) * [1.0, -1.0]
 

@@ -49,8 +49,8 @@ def first(run: Run) -> Section:
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
-    told = [c for c in (reasons or doubts)[:REASONS] if c["words"] not in against]
-    faults += [Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)) for c in told]
+    concerns = [c for c in (reasons or doubts)[:REASONS] if c["words"] not in against]
+    faults += [Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)) for c in concerns]
     warnings, notes = _warnings(record)
     return FirstScreen(
         verdict["words"][:1].upper() + verdict["words"][1:],

@@ -76,12 +76,12 @@ def _course(record: Json) -> tuple[Figures, Text] | tuple[()]:
     w, unit, kinds = record["withheld"], record["unit"], KINDS if record["named"] else KINDS[:1]
     time, drawings = np.array(w["time_s"]), []
     for j, (name, floor) in enumerate(zip(record["joints"], record["noise"][f"floor_{unit}"], strict=True)):
-        left = [np.array(w[f"{key}_{unit}"][j], float) for key, _, _ in kinds]
-        there = np.isfinite(left[0])  # it is not at rest
+        residuals = [np.array(w[f"{key}_{unit}"][j], float) for key, _, _ in kinds]
+        there = np.isfinite(residuals[0])  # it is not at rest
         if not there.any():
             continue
-        dots = [(style, time[there], x[there]) for (_, style, _), x in zip(kinds, left, strict=True)]
-        edge = max(2.5 * floor, 1.05 * float(np.nanquantile(np.abs(left), CLIP)))
+        dots = [(style, time[there], x[there]) for (_, style, _), x in zip(kinds, residuals, strict=True)]
+        edge = max(2.5 * floor, 1.05 * float(np.nanquantile(np.abs(residuals), CLIP)))
         labels = "time (s)", f"{name} ({sheets.WORDS[unit]})"
         drawings.append(("", svg.scatter(dots, labels, 2.0 * floor, f"Residuals of {name}", (-edge, edge))))
     words = "; ".join(text for _, _, text in kinds)

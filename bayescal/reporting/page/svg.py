@@ -67,7 +67,7 @@ class _Axes:
         """Where x begins: there is room for the label of y and its ticks."""
         return max(LEFT, 20 + CHARACTER * max(len(f"{v:g}") for v in self.levels))
 
-    def at(self, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
+    def to_svg(self, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
         """Points (..., 2) in user units."""
         (low, high), (bottom, top) = self.x, self.y
         across = self.left + (np.asarray(x) - low) / (high - low) * (WIDTH - self.left - RIGHT)
@@ -79,12 +79,12 @@ class _Axes:
         low, bottom = self.x[0], self.y[0]
         grid = []
         for v in self.levels:
-            y = float(self.at(low, v)[1])
+            y = float(self.to_svg(low, v)[1])
             ends = np.array([[self.left, y], [WIDTH - RIGHT, y]])
             grid.append(line(ends, zero if abs(v) < 1e-12 else "grid"))
             grid.append(text(self.left - 5, y + 4, f"{v:g}", anchor="end"))
         for v in self.along:
-            grid.append(text(float(self.at(v, bottom)[0]), HEIGHT - BOTTOM + 15, f"{v:g}"))
+            grid.append(text(float(self.to_svg(v, bottom)[0]), HEIGHT - BOTTOM + 15, f"{v:g}"))
         x_label, y_label = self.labels
         across = text((self.left + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label)
         middle = (TOP + HEIGHT - BOTTOM) / 2
@@ -107,12 +107,12 @@ def scatter(
     axes = _Axes((low, high), ends, labels, ticks(low, high), ticks(bottom, top))
     below = []
     if band is not None:
-        left, upper, lower = axes.left, *axes.at(low, np.clip([band, -band], bottom, top))[:, 1]
+        left, upper, lower = axes.left, *axes.to_svg(low, np.clip([band, -band], bottom, top))[:, 1]
         size = f'width="{WIDTH - left - RIGHT:.1f}" height="{lower - upper:.1f}"'
         below.append(f'<rect class="band" x="{left:.1f}" y="{upper:.1f}" {size}/>')
     data = []
     for style, across, up in dots:
-        inside, points = (up >= bottom) & (up <= top), axes.at(across, up)
+        inside, points = (up >= bottom) & (up <= top), axes.to_svg(across, up)
         # one path of lines without length: their round ends are the dots
         path = "".join(f"M{px:.1f} {py:.1f}h0" for px, py in points[inside])
         data.append(f'<path class="{style}" d="{path}"/>')
@@ -135,10 +135,10 @@ def course(
     first, last = float(np.min(fitted[0])), float(np.max(fitted[0]))
     room = 0.05 * (last - first) or 1.0
     axes = _Axes((first - room, last + room), ends, labels, ticks(first, last), ticks(*ends))
-    data = [line(axes.at(*fitted), "zero")]
+    data = [line(axes.to_svg(*fitted), "zero")]
     for px, py, size in zip(x, y, expanded, strict=True):
-        data.append(line(axes.at(np.array([px, px]), np.array([py - size, py + size])), "range"))
-        cx, cy = axes.at(px, py)
+        data.append(line(axes.to_svg(np.array([px, px]), np.array([py - size, py + size])), "range"))
+        cx, cy = axes.to_svg(px, py)
         data.append(f'<circle class="estimate" cx="{cx:.1f}" cy="{cy:.1f}" r="3"/>')
     return axes.drawing((), data, label)
 

@@ -232,9 +232,9 @@ PART = ("side", "rms_px=rms", "u_px=u", "max_px=largest", "max_mm=length")
 def images_record(estimate: Estimate | None) -> list[dict[str, Any]]:
     """``images``: of each fitted camera its noise, and what every side changes in its images."""
     return [
-        entry(found, "target", "images", "corners", "noise_px=noise")
-        | {"parts": [entry(part, *PART) for part in found.parts]}
-        for found in (images(estimate) if estimate is not None else ())
+        entry(camera, "target", "images", "corners", "noise_px=noise")
+        | {"parts": [entry(part, *PART) for part in camera.parts]}
+        for camera in (images(estimate) if estimate is not None else ())
     ]
 
 
@@ -247,12 +247,16 @@ def images_lines(record: Json) -> Facts:
 
 def hand_eye_lines(record: Json) -> Facts:
     """A line for each camera: what is on the flange, in the frame of the flange, with the largest u."""
-    for k, found in enumerate(record.get("hand_eye", ())):
-        t = found["on_flange"]
-        at = ", ".join(f"{x:.3f}" for x in t["translation_mm"])
+    for k, camera in enumerate(record.get("hand_eye", ())):
+        t = camera["on_flange"]
+        translation = ", ".join(f"{x:.3f}" for x in t["translation_mm"])
         turn = ", ".join(f"{x:.6f}" for x in t["quaternion_xyzw"])
         u = f"u {max(t['u_translation_mm']):.2g} mm, {max(t['u_rotation_deg']):.2g} deg"
-        yield "" if k else "hand-eye", f"{t['child']} in {t['parent']}: {at} mm; x y z w {turn}; {u}", ""
+        yield (
+            "" if k else "hand-eye",
+            f"{t['child']} in {t['parent']}: {translation} mm; x y z w {turn}; {u}",
+            "",
+        )
 
 
 def images_keys(record: Json) -> Iterator[tuple[str, str, str]]:
@@ -263,12 +267,12 @@ def images_keys(record: Json) -> Iterator[tuple[str, str, str]]:
 
 def _words(record: Json) -> Iterator[list[str]]:
     """Of each camera its target, its sides, the largest first, and its noise."""
-    for found in record.get("images", ()):
-        parts = [f"{p['side']} {_rms(p)} px" for p in found["parts"]]
+    for camera in record.get("images", ()):
+        parts = [f"{p['side']} {_rms(p)} px" for p in camera["parts"]]
         if parts:
-            first = found["parts"][0]
+            first = camera["parts"][0]
             parts[0] += f" RMS, at most {first['max_px']:.2g} px or {first['max_mm']:.2g} mm"
-        yield [found["target"], *parts, f"noise {found['noise_px']:.2g} px per coordinate"]
+        yield [camera["target"], *parts, f"noise {camera['noise_px']:.2g} px per coordinate"]
 
 
 def images_sheet(record: Json) -> Sheet:
@@ -282,7 +286,7 @@ def images_sheet(record: Json) -> Sheet:
     )
     caption = "What the estimate changes in the images, without the place of camera and board"
     cameras = record.get("images", ())
-    parts = [part | {"target": found["target"]} for found in cameras for part in found["parts"]]
+    parts = [part | {"target": camera["target"]} for camera in cameras for part in camera["parts"]]
     return Sheet(columns, parts, caption)
 
 
