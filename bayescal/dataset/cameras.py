@@ -85,8 +85,8 @@ def board_of(text: str) -> Board:
 
 def transposed(text: str) -> str:
     """The board with columns and rows interchanged; "" of one that is none, or the same."""
-    kind, _, rest = text.partition(":")
-    squares, _, sizes = rest.partition(":")
+    kind, _, layout = text.partition(":")
+    squares, _, sizes = layout.partition(":")
     across, by, down = squares.partition("x")
     return f"{kind}:{down}x{across}:{sizes}" if by and across != down else ""
 
@@ -162,11 +162,11 @@ def stated(t: Target) -> Stated:
         return np.asarray(usual, float) if np.isnan(value).any() else value
 
     usual = np.array([USUAL[name[0]] for name in NAMES[lens.model]])
-    own = np.atleast_1d(given("u_distortion", usual))
+    u_distortion = np.atleast_1d(given("u_distortion", usual))
     return Stated(
         np.broadcast_to(given("u_focal", USUAL["focal"] * lens.focal), 2),
         np.broadcast_to(given("u_centre", USUAL["centre"]), 2),
-        np.pad(own, (0, len(usual) - len(own))),
+        np.pad(u_distortion, (0, len(usual) - len(u_distortion))),
         float(given("u_scale", USUAL["scale"])),
         float(given("u_flatness", USUAL["flatness"])),
     )
@@ -291,17 +291,17 @@ def closed_form(
     poses, some = seen.poses[good], good[seen.image]
     corner, xy = _directions(t, m.pixel[rows[some]])
     image = (np.cumsum(good) - 1)[seen.image[some]]
-    found = solved(poses)
+    solution = solved(poses)
     for _ in range(DECISIONS):
-        told = hand_eye.decided(poses, found.predicted(flange, carried), corner, xy, image)
-        if np.all(told == poses):
+        decided = hand_eye.decided(poses, solution.predicted(flange, carried), corner, xy, image)
+        if np.all(decided == poses):
             break
-        poses, found = told, solved(told)
+        poses, solution = decided, solved(decided)
     every, off = seen.poses.copy(), np.zeros(len(good))
     every[good] = poses
-    agrees = hand_eye.as_good(found.predicted(flange, carried), poses, corner, xy, image)
-    off[good] = np.where(agrees, 0.0, found.away)
-    return replace(seen, poses=every, off=off), good, found
+    agrees = hand_eye.as_good(solution.predicted(flange, carried), poses, corner, xy, image)
+    off[good] = np.where(agrees, 0.0, solution.away)
+    return replace(seen, poses=every, off=off), good, solution
 
 
 def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -315,13 +315,15 @@ def is_stated(of: Target | Tool) -> bool:
     return of.u is not None or of.u_angle is not None
 
 
-def placed(dataset: Dataset, target: int, tool: int | None, found: hand_eye.HandEye) -> Dataset:
+def placed(dataset: Dataset, target: int, tool: int | None, solution: hand_eye.HandEye) -> Dataset:
     """The session with a target, and a tool if one is given, at the places that a hand-eye has."""
     if tool is not None:
-        on = replace(dataset.tools[tool], centre=found.on_flange[:, 3], rpy=rpy_of(found.on_flange[:, :3]))
+        on = replace(
+            dataset.tools[tool], centre=solution.on_flange[:, 3], rpy=rpy_of(solution.on_flange[:, :3])
+        )
         dataset = replace(dataset, tools=_replaced(dataset.tools, tool, on))
     t = dataset.targets[target]
-    values = t.values | {"xyz": found.fixed[:, 3], "rpy": rpy_of(found.fixed[:, :3])}
+    values = t.values | {"xyz": solution.fixed[:, 3], "rpy": rpy_of(solution.fixed[:, :3])}
     return replace(dataset, targets=_replaced(dataset.targets, target, replace(t, values=values)))
 
 
@@ -362,8 +364,8 @@ def best_lens(
     sd = width * np.concatenate([u.focal, u.centre, u.coefficients])
     z, free = np.zeros(len(sd)), np.flatnonzero(sd)
 
-    def off(at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        return pixels_off(with_lens(dataset, target, start + sd * at), target, rows, readings)
+    def off(deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        return pixels_off(with_lens(dataset, target, start + sd * deviations), target, rows, readings)
 
     for _ in range(LENS_PASSES):
         if (now := off(z)) is None:
@@ -388,10 +390,10 @@ def pixels_off(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Corners (C, 2) less where the hand-eye has them, px, and their images (C,)."""
     t, m = dataset.targets[target], dataset.measurements
-    seen, _, found = closed_form(dataset, target, rows, readings)
-    if found is None or m.pixel is None:
+    seen, _, solution = closed_form(dataset, target, rows, readings)
+    if solution is None or m.pixel is None:
         return None
-    poses = found.predicted(flange_poses(dataset, readings[seen.first]), t.texts["mount"] == FLANGE)
+    poses = solution.predicted(flange_poses(dataset, readings[seen.first]), t.texts["mount"] == FLANGE)
     corner = board(t).points[m.pixel[rows, 2].astype(int)]
-    at = np.einsum("cij,cj->ci", poses[seen.image, :, :3], corner) + poses[seen.image, :, 3]
-    return m.pixel[rows, :2] - lens_of(t).pixels((at[:, :2] / at[:, 2:]).T).T, seen.image
+    points = np.einsum("cij,cj->ci", poses[seen.image, :, :3], corner) + poses[seen.image, :, 3]
+    return m.pixel[rows, :2] - lens_of(t).pixels((points[:, :2] / points[:, 2:]).T).T, seen.image

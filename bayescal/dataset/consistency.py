@@ -301,8 +301,8 @@ def rounded(dataset: Dataset) -> str:
     stated = [n for n in (dataset.noise.contact, dataset.noise.point) if n]
     if not np.any(u) or not stated:
         return ""
-    at = nominal(dataset, m.readings)
-    moved = [nominal(dataset, m.readings + row) - at for row in np.diag(np.radians(u))]
+    tcp = nominal(dataset, m.readings)
+    moved = [nominal(dataset, m.readings + row) - tcp for row in np.diag(np.radians(u))]
     size = float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
     if size < SEEN_STEP * min(stated):
         return ""

@@ -63,9 +63,11 @@ def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tu
         targets = list(dataset.targets)
         targets[target] = replace(t, values=values)
         other = replace(dataset, targets=tuple(targets))
-        _, good, found = cameras.closed_form(other, target, rows, m.readings)
-        if found is None or stated is None or np.sum(good) < np.sum(before) or found.misfit > stated.misfit:
+        _, good, solution = cameras.closed_form(other, target, rows, m.readings)
+        if solution is None or stated is None or np.sum(good) < np.sum(before):
             continue  # images that cannot be placed are not off
+        if solution.misfit > stated.misfit:
+            continue
         what = f"the calibration of `{t.name}` is of images {factor:.3g} times as large as these"
         remedy = (
             f"divide fx_px, fy_px, cx_px and cy_px by {factor:.3g}, or calibrate with images of this size"
@@ -104,11 +106,11 @@ def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple
     m, t = dataset.measurements, dataset.targets[target]
     if m.velocity is None or m.pixel is None or not np.any(m.velocity[rows]):
         return
-    found = cameras.closed_form(dataset, target, rows, m.readings)[2]
-    if found is None:
+    solution = cameras.closed_form(dataset, target, rows, m.readings)[2]
+    if solution is None:
         return
     later = m.readings[rows] + STEP * m.velocity[rows]
-    now, then = (_pixels(dataset, target, rows, q, found) for q in (m.readings[rows], later))
+    now, then = (_pixels(dataset, target, rows, q, solution) for q in (m.readings[rows], later))
     speed = (then - now) / STEP
     line, middle = m.pixel[rows, 1], float(np.mean(m.pixel[rows, 1]))
     for time in LINES:
@@ -132,26 +134,27 @@ def _neighbours(
     order = np.argsort(seen.first)
     wrong = np.flatnonzero(seen.off[order] > OFF)
     for step, which in ((-1, "before"), (1, "after")) if len(wrong) >= FEWEST else ():
-        at = wrong[(wrong + step >= 0) & (wrong + step < len(order))]
+        positions = wrong[(wrong + step >= 0) & (wrong + step < len(order))]
         readings, concerned = m.readings.copy(), np.zeros(len(m.readings), bool)
-        for image, other in zip(order[at], order[at + step], strict=True):
-            own = rows[seen.image == image]
-            readings[own], concerned[own] = m.readings[seen.first[other]], True
-        what = f"{len(at)} of {len(order)} images of `{t.name}` fit the joint readings of the image {which}"
+        for image, other in zip(order[positions], order[positions + step], strict=True):
+            image_rows = rows[seen.image == image]
+            readings[image_rows], concerned[image_rows] = m.readings[seen.first[other]], True
+        what = f"{len(positions)} of {len(order)} images of `{t.name}` fit "
+        what += f"the joint readings of the image {which}"
         remedy = "pair images and joint readings anew: rows were shifted"
         yield what, remedy, concerned, replace(dataset, measurements=replace(m, readings=readings))
 
 
 def _pixels(
-    dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray, found: HandEye
+    dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray, solution: HandEye
 ) -> np.ndarray:
     """Corners (C, 2), px, as the hand-eye has them at readings (C, n)."""
     t, m = dataset.targets[target], dataset.measurements
     assert m.pixel is not None
-    poses = found.predicted(cameras.flange_poses(dataset, readings), t.texts["mount"] == cameras.FLANGE)
+    poses = solution.predicted(cameras.flange_poses(dataset, readings), t.texts["mount"] == cameras.FLANGE)
     corner = cameras.board(t).points[m.pixel[rows, 2].astype(int)]
-    at = np.einsum("cij,cj->ci", poses[..., :3], corner) + poses[..., 3]
-    return cameras.lens_of(t).pixels((at[:, :2] / at[:, 2:]).T).T
+    points = np.einsum("cij,cj->ci", poses[..., :3], corner) + poses[..., 3]
+    return cameras.lens_of(t).pixels((points[:, :2] / points[:, 2:]).T).T
 
 
 NEAR = 0.05
@@ -179,14 +182,15 @@ def odd_images(dataset: Dataset, target: int) -> Iterator[Odd]:
     """Images whose corners do not fit the board, where those of most images do."""
     rows = np.flatnonzero(dataset.measurements.target == target)
     seen, good, _ = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)
-    known = np.isfinite(seen.misfit)
-    if not known.any() or np.mean(good[known]) < 0.5:
+    finite = np.isfinite(seen.misfit)
+    if not finite.any() or np.mean(good[finite]) < 0.5:
         return
-    usual = float(np.median(seen.misfit[known]))
-    most = seen.scatter > cameras.BLURRED * np.median(seen.scatter[known])  # not of a few wild corners
-    for k in np.flatnonzero(known & most & (seen.misfit > max(cameras.FOREIGN, WORSE * usual))):
-        own = rows[seen.image == k]
-        yield Odd(own, name_of(dataset, own), seen.misfit[k], usual, *explained(dataset, target, own))
+    usual = float(np.median(seen.misfit[finite]))
+    most = seen.scatter > cameras.BLURRED * np.median(seen.scatter[finite])  # not of a few wild corners
+    for k in np.flatnonzero(finite & most & (seen.misfit > max(cameras.FOREIGN, WORSE * usual))):
+        image_rows = rows[seen.image == k]
+        cause = explained(dataset, target, image_rows)
+        yield Odd(image_rows, name_of(dataset, image_rows), seen.misfit[k], usual, *cause)
 
 
 def name_of(dataset: Dataset, rows: np.ndarray) -> str:
@@ -210,15 +214,15 @@ def explained(dataset: Dataset, target: int, rows: np.ndarray) -> tuple[str, str
     assert m.pixel is not None
     every = np.flatnonzero(m.target == target)
     best = ("", "", np.inf)
-    for what, remedy, own in _changes(dataset, target, m.pixel[rows]):
+    for what, remedy, pixels in _changes(dataset, target, m.pixel[rows]):
         pixel = m.pixel.copy()
-        pixel[rows] = own
+        pixel[rows] = pixels
         changed = replace(dataset, measurements=replace(m, pixel=pixel))
-        seen, good, found = cameras.closed_form(changed, target, every, m.readings)
+        seen, good, solution = cameras.closed_form(changed, target, every, m.readings)
         k = seen.image[np.flatnonzero(every == rows[0])[0]]
         usual = float(np.median(seen.misfit[good])) if good.any() else 0.0
-        if found is not None and good[k] and seen.misfit[k] < AS_OTHERS * usual and seen.off[k] < NEAR:
-            best = min(best, (what, remedy, float(found.away[np.sum(good[:k])])), key=lambda each: each[2])
+        if solution is not None and good[k] and seen.misfit[k] < AS_OTHERS * usual and seen.off[k] < NEAR:
+            best = min(best, (what, remedy, float(solution.away[np.sum(good[:k])])), key=lambda each: each[2])
     return best[:2]
 
 
@@ -244,8 +248,8 @@ def _changes(dataset: Dataset, target: int, pixel: np.ndarray) -> Iterator[tuple
 def impossible(dataset: Dataset, row: int) -> tuple[str, bool, str]:
     """Of an image that is far off: its name and what explains it, whether something does, and what to do."""
     target = int(dataset.measurements.target[row])
-    own = image_of(dataset, target, row)
-    what, remedy = explained(dataset, target, own)
-    said = f" (image {name_of(dataset, own)}, {len(own)} rows{f': {what}' if what else ''})"
+    image_rows = image_of(dataset, target, row)
+    what, remedy = explained(dataset, target, image_rows)
+    said = f" (image {name_of(dataset, image_rows)}, {len(image_rows)} rows{f': {what}' if what else ''})"
     check = "check the joint readings, the order of the corners and the size of this image, and the "
     return said, bool(what), remedy or f"{check}calibration of the camera and its u; or leave its rows out"

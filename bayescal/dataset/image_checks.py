@@ -73,9 +73,9 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
     if t.u is not None and rough:
         return dataset
     used = rows[m.tool[rows] == np.bincount(m.tool[rows]).argmax()]
-    seen, _, found = cameras.closed_form(dataset, target, used, m.readings)
+    seen, _, solution = cameras.closed_form(dataset, target, used, m.readings)
     _check_board(dataset, target, used, seen, where)
-    if found is None or not found.determined:
+    if solution is None or not solution.determined:
         if rough:
             return dataset
         what = f"the images of `{t.name}` do not tell where camera and board are"
@@ -85,9 +85,9 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
             what += f": no joint reading varies by more than {most:.2g} deg"
             remedy = f"are the readings deg, as the columns say? or {remedy}"
         raise BayescalError(what, where, remedy)
-    _check_arm(dataset, target, used, found, where)
+    _check_arm(dataset, target, used, solution, where)
     k = int(m.tool[used[0]])
-    return cameras.placed(dataset, target, None if cameras.is_stated(dataset.tools[k]) else k, found)
+    return cameras.placed(dataset, target, None if cameras.is_stated(dataset.tools[k]) else k, solution)
 
 
 def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) -> None:
@@ -166,10 +166,12 @@ def _check_board(dataset: Dataset, target: int, rows: np.ndarray, seen: cameras.
         raise BayescalError(what, where, remedy)
 
 
-def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.HandEye, where: str) -> None:
+def _check_arm(
+    dataset: Dataset, target: int, rows: np.ndarray, solution: hand_eye.HandEye, where: str
+) -> None:
     """Refuse the other mount, and a board of another size."""
     t, m = dataset.targets[target], dataset.measurements
-    off = found.misfit
+    off = solution.misfit
     if off > MISFIT:
         other = cameras.FIXED if t.texts["mount"] == cameras.FLANGE else cameras.FLANGE
         turned = replace(t, texts=dict(t.texts) | {"mount": other})
@@ -197,20 +199,20 @@ def _poses_of(
     dataset: Dataset, target: int, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, hand_eye.HandEye | None]:
     """Poses (I, 3, 4) of the flange, of what it carries in what is fixed, and the hand-eye of both."""
-    seen, good, found = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)
+    seen, good, solution = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)
     poses, carried = seen.poses[good], dataset.targets[target].texts["mount"] == cameras.FLANGE
     flange = cameras.flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
-    return flange, hand_eye.inverse(poses) if carried else poses, found
+    return flange, hand_eye.inverse(poses) if carried else poses, solution
 
 
 def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
     """Size of the board over its stated one, as the motions of the arm tell; 1 where they do not."""
-    flange, poses, found = _poses_of(dataset, target, rows)
-    if found is None:
+    flange, poses, solution = _poses_of(dataset, target, rows)
+    if solution is None:
         return 1.0
     # F_R x + f = Z_R (s q) + z, in which distances in the images are to the scale s of the board
-    turned = poses[:, :, 3] @ found.fixed[:, :3].T
-    near = (found.off <= 3 * np.median(found.off) + 1e-9).astype(float)[:, None]
+    turned = poses[:, :, 3] @ solution.fixed[:, :3].T
+    near = (solution.off <= 3 * np.median(solution.off) + 1e-9).astype(float)[:, None]
     fixed = np.broadcast_to(-np.eye(3), (len(flange), 3, 3))
     rows_of = np.concatenate([flange[:, :, :3], fixed, -turned[:, :, None]], axis=2)
     design = (rows_of * near[:, None]).reshape(-1, 7)
@@ -321,7 +323,7 @@ def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
     )
     points, lens, size = cameras.board(t).points, cameras.lens_of(t), size_of(t)
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
-    at = np.einsum("mij,kj->mik", seen[:, :, :3], points) + seen[:, :, 3:]
+    in_camera = np.einsum("mij,kj->mik", seen[:, :, :3], points) + seen[:, :, 3:]
     sight = seen[:, :, :3] @ middle + seen[:, :, 3]
     far = np.linalg.norm(sight, axis=1)
     out = np.full(len(tool), "", object)
@@ -330,8 +332,10 @@ def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
     # the origin of the board, not its middle, gave the distances of a session
     wide = float(np.linalg.norm(middle))
     out[(far < place.span[0] - wide) | (far > place.span[1] + wide)] = FAR
-    before = at[:, 2].min(axis=1) > 0.0
-    xy = np.where(before[:, None, None], at[:, :2] / np.where(before[:, None, None], at[:, 2:], 1.0), 0.0)
+    before = in_camera[:, 2].min(axis=1) > 0.0
+    xy = np.where(
+        before[:, None, None], in_camera[:, :2] / np.where(before[:, None, None], in_camera[:, 2:], 1.0), 0.0
+    )
     pixel = lens.pixels(xy)
     margin = EDGE * size[:, None]
     inside = np.all((pixel > margin) & (pixel < size[:, None] - margin), axis=(1, 2)) & before

@@ -213,7 +213,7 @@ def _zeros(dataset: Dataset, stated: np.ndarray) -> Iterator[Change]:
         zero, step = min(misfit, key=misfit.__getitem__), TEETH[-1] - TEETH[-2]
         for _ in range(HALVED if misfit[zero] < CLOSER * before else 0):
             step /= 2
-            misfit |= {at: _typical(moved(at), every) for at in (zero - step, zero + step)}
+            misfit |= {angle: _typical(moved(angle), every) for angle in (zero - step, zero + step)}
             zero = min(misfit, key=misfit.__getitem__)
         what = f"the zero of {robot.joint_names[k]} differs by about {zero:.0f} deg"
         yield what, f"j{k + 1}_{robot.units[k]}", TOOTH, every, moved(zero)
@@ -306,9 +306,9 @@ def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[Ba
         return None, False
     row = int(np.argmax(bad))
     joint = int(np.argmax(beyond[row]))
-    unit, at, (low, high) = robot.units[joint], robot.shown(angle[row]), robot.shown(robot.limits.T)[:, joint]
+    unit, (low, high) = robot.units[joint], robot.shown(robot.limits.T)[:, joint]
     coupled = int(np.count_nonzero(robot.link_from_reading[joint]) > 1)
-    what = f"{robot.joint_names[joint]} is at {at[joint]:.6g} {unit}"
+    what = f"{robot.joint_names[joint]} is at {robot.shown(angle[row])[joint]:.6g} {unit}"
     what += " by its row of link_from_reading" * coupled + f", its limits are {low:g} to {high:g} {unit}"
     many = bool(bad.mean() > MANY)
     often = "many rows are: were degrees converted twice, or signs or coupling changed?"

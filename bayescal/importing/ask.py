@@ -172,10 +172,10 @@ class Request:
 
     def refuse_other(self, options: Collection[str], kind: str) -> None:
         """Refuse options other than these, which do nothing for a kind of log."""
-        for own in fields(self):
-            given = getattr(self, own.name)
-            if own.name not in ("log", *options) and (given or own.default) != own.default:
-                flag = "--tcp" if own.name == "tool" else f"--{own.name.replace('_', '-')}"
+        for option in fields(self):
+            given = getattr(self, option.name)
+            if option.name not in ("log", *options) and (given or option.default) != option.default:
+                flag = "--tcp" if option.name == "tool" else f"--{option.name.replace('_', '-')}"
                 raise BayescalError(f"is not an option of {kind}", flag, f"remove {flag}")
 
     def check(self) -> None:

@@ -80,8 +80,8 @@ def convert_images(request: Request) -> Draft:
         what = f"the board is found in {len(used)} of {len(seen)} images"
         remedy = f"{FEWEST_IMAGES} are needed; check --board and the light"
         raise BayescalError(what, str(request.log), remedy)
-    left = sorted({f.name for f in seen} - {f.name for f in used})
-    notes = [f"board not found in: {listed(left, 6)}"] if left else []
+    without_board = sorted({f.name for f in seen} - {f.name for f in used})
+    notes = [f"board not found in: {listed(without_board, 6)}"] if without_board else []
     if unread := sorted({p.name for p in _files(request.log)} - {p.name for p in images.values()}):
         notes.append(f"without joint readings, not used: {listed(unread, 6)}")
     session, lens = _session(cv2, request, base, board, used, readings, size)
@@ -165,14 +165,14 @@ def _detected(
     """Common width and height of images, corners in each, and how they were found; one image in memory."""
     find, how = _detector(cv2, images, board, request)
     height, width = _grey(cv2, next(iter(images.values()))).shape
-    found = []
+    detections = []
     for name, path in images.items():
         grey = _grey(cv2, path)
         if grey.shape != (height, width):
             what = f"{grey.shape[1]} x {grey.shape[0]} px, the others have {width} x {height}"
             raise BayescalError(what, str(path), "import images of one resolution")
-        found.append(find(name, grey))
-    return (width, height), found, how
+        detections.append(find(name, grey))
+    return (width, height), detections, how
 
 
 def _detector(
@@ -195,9 +195,9 @@ def _detector(
     sizes = (board.squares, board.size, board.marker)
     layouts = [cv2.aruco.CharucoBoard(*sizes, _dictionary(cv2, text)) for _ in "ab"]
     layouts[1].setLegacyPattern(True)
-    own = set(np.ravel(layouts[0].getIds()).tolist())
-    if len(other := set(ids[text]) - own) > 1:
-        what = f"markers up to {max(other)} are seen; {request.board} has 0 to {max(own)}"
+    expected = set(np.ravel(layouts[0].getIds()).tolist())
+    if len(other := set(ids[text]) - expected) > 1:
+        what = f"markers up to {max(other)} are seen; {request.board} has 0 to {max(expected)}"
         raise BayescalError(what, "--board", "another board: count its squares")
     detectors = [cv2.aruco.CharucoDetector(layout) for layout in layouts]
     for detector in detectors:
@@ -291,9 +291,10 @@ def _session(
         raise BayescalError(what, "--template", "images are of one camera: leave the others out")
     if stated:
         target, notes = replace(stated[0], texts=dict(stated[0].texts) | {"board": request.board}), ()
-        own = np.asarray(target.values["size"], float)
-        if not np.isnan(own).any() and tuple(own) != size:
-            what = f"images have {size[0]} x {size[1]} px, the camera of the template {own[0]:g} x {own[1]:g}"
+        stated_size = np.asarray(target.values["size"], float)
+        if not np.isnan(stated_size).any() and tuple(stated_size) != size:
+            what = f"images have {size[0]} x {size[1]} px, "
+            what += f"the camera of the template {stated_size[0]:g} x {stated_size[1]:g}"
             raise BayescalError(what, str(request.log), "give the calibration of this resolution")
         return replace(base, targets=(target,), measurements=m), notes
     numbers = [key for key in CAMERA if key not in ("mount", "lens", "board")]
@@ -324,8 +325,8 @@ def _turned(d: Dataset) -> set[str]:
 
 def _misfit(d: Dataset) -> float:
     """How far most images are off the nominal arm, m."""
-    found = closed_form(d, 0, np.arange(len(d.measurements.ids)), d.measurements.readings)[2]
-    return np.inf if found is None else found.misfit
+    solution = closed_form(d, 0, np.arange(len(d.measurements.ids)), d.measurements.readings)[2]
+    return np.inf if solution is None else solution.misfit
 
 
 def _calibrated(

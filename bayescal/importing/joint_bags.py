@@ -85,8 +85,8 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
             try:
                 stream, said = _stream(bag, connections, message, joints, stated)
                 if topic_ in commands:
-                    told = stream.cells.get("position")
-                    stream = replace(stream, cells={} if told is None else {"command": told})
+                    commanded = stream.cells.get("position")
+                    stream = replace(stream, cells={} if commanded is None else {"command": commanded})
                 streams.append((kind, stream, said))
             except BayescalError as error:
                 why.append(str(error))
@@ -146,10 +146,10 @@ def _stream(
                 orders[names] = joint_order(names, joints, stated, topic)
             except BayescalError as error:  # a gripper may publish on the topic of the arm
                 orders[names], why = None, why or error
-        if (found := orders[names]) is None:
+        if (ordering := orders[names]) is None:
             few += 1
             continue
-        order, there = found[0], {}
+        order, there = ordering[0], {}
         for key, getters in readers.items():
             value = next((v for get in getters if (v := get(content)) is not None and len(v)), ())
             if len(value) > max(order):
@@ -169,8 +169,8 @@ def _stream(
     received, header, values = zip(*layouts[chosen], strict=True)
     blocks = {k: np.array(v, float) for k, v in zip(chosen[0], zip(*values, strict=True), strict=True)}
     time, said = _clock(np.array(received), np.array(header), message.stamp)
-    found = orders[chosen[1]]
-    notes = [found[1] if found else "", said, f"{few} messages without all joints left out" if few else ""]
+    _, how = orders[chosen[1]] or ([], "")
+    notes = [how, said, f"{few} messages without all joints left out" if few else ""]
     if others := count - len(received):
         what = "other names, frames or quantities: those of another publisher (assumed)"
         notes.append(f"{others} of {count} messages of {topic} left out, with {what}")

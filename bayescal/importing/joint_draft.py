@@ -118,10 +118,10 @@ def _of_mjcf(path: Path) -> Arm:
     bodies = [[b for b, owner in enumerate(owners) if owner == k] for k in range(len(arms))]
     entries = [_joint(model, data, arms, k, names[k], bodies[k]) for k in range(len(arms))]
     limits = np.array([model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf) for j in arms])
-    left = [model.joint(j).name for j in hinges if j not in arms]
+    gripper_joints = [model.joint(j).name for j in hinges if j not in arms]
     notes = [f"the arm is written out from {path.name}: {listed(names, 12)}"]
-    if left or model.njnt > len(hinges):
-        still = listed(left, 12) or "those that do not turn"
+    if gripper_joints or model.njnt > len(hinges):
+        still = listed(gripper_joints, 12) or "those that do not turn"
         notes.append(f"joints at zero, as parts of the last body: {still}")
     settings = {"gravity_mps2": [float(f"{g:.9g}") for g in model.opt.gravity]}
     entry, name = {"joints": entries}, root.get("model") or path.stem
@@ -157,8 +157,8 @@ def _joint(
     }
     if model.jnt_limited[joint]:
         values["limits_deg"] = DEG * model.jnt_range[joint]
-    known = {key: v for key, v in values.items() if np.ndim(v) or key == "mass_kg" or v}
-    return {"name": name} | {key: _rounded(value) for key, value in known.items()}
+    nonzero = {key: v for key, v in values.items() if np.ndim(v) or key == "mass_kg" or v}
+    return {"name": name} | {key: _rounded(value) for key, value in nonzero.items()}
 
 
 def _rounded(value: Any) -> Any:
@@ -376,8 +376,8 @@ def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
 
 
 def _motion(rows: Rows, k: int, role: str, same: int) -> dict[str, Any]:
-    own = rows.of(k + 1)
-    payload = float(np.median(rows.cells["payload"][own])) if "payload" in rows.cells else 0.0
+    indices = rows.of(k + 1)
+    payload = float(np.median(rows.cells["payload"][indices])) if "payload" in rows.cells else 0.0
     names = (str(rows.ids[k]), role, str(rows.kinds[k]), str(rows.ids[same - 1]))
     out = dict(zip(("id", "role", "kind", "same_as"), names, strict=True))
     return {key: value for key, value in out.items() if value} | {"payload_kg": float(f"{payload:.6g}")}

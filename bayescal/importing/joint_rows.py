@@ -172,9 +172,9 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     name, _, length = (rule or ("column" if "motion" in cells else "files")).partition(":")
     pause = re.fullmatch(r"\s*([\d.]+)\s*s?\s*", length)
     if name == "column" and "motion" in cells and not length:
-        own, kept, words = _named(cells["motion"], time, cells["position"], record)
+        motions, kept, words = _named(cells["motion"], time, cells["position"], record)
         cells, time, record = (
-            {k: v[kept] for k, v in (cells | {"motion": own}).items()},
+            {k: v[kept] for k, v in (cells | {"motion": motions}).items()},
             time[kept],
             record[kept],
         )
@@ -263,21 +263,23 @@ def _named(
     moves = (np.abs(speeds(time, position, run)) > MOVING).any(axis=1)
     still = [n for n in sorted(again) if not moves[names == n].any()]
     kept = ~np.isin(names, still)
-    own = [f"{n}-{k}" if (k := 1 + int((each[:i] == n).sum())) > 1 else str(n) for i, n in enumerate(each)]
+    numbered = [
+        f"{n}-{k}" if (k := 1 + int((each[:i] == n).sum())) > 1 else str(n) for i, n in enumerate(each)
+    ]
     words += ", and for each time that it returns"
     words += f"; {(~kept).sum()} rows of {listed(still)}, in which no joint moves, left out" if still else ""
-    return np.array(own)[run], kept, words
+    return np.array(numbered)[run], kept, words
 
 
 def _pauses(
     time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: float
 ) -> tuple[np.ndarray, str]:
     """Labels (N,) of motions: a record is cut in the middle of each longer time of rest that ends in it."""
-    rest = (np.abs(speeds(time, position, record)) < MOVING).all(axis=1)
+    at_rest = (np.abs(speeds(time, position, record)) < MOVING).all(axis=1)
     label = np.zeros(len(time), int)
     for k in np.unique(record):
         rows = np.flatnonzero(record == k)
-        edges = np.flatnonzero(np.diff(np.r_[0, rest[rows].astype(int), 0]))
+        edges = np.flatnonzero(np.diff(np.r_[0, at_rest[rows].astype(int), 0]))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
             first, last = time[rows[begin]], time[rows[end - 1]]
             if last - first > pause and begin > 0 and end < len(rows):
@@ -346,15 +348,15 @@ def repeats(rows: Rows) -> tuple[int, ...]:
     velocity = speeds(rows.time, values, rows.motion)
     curves: list[Curve | None] = []
     for k in range(1, len(rows.ids) + 1):
-        own = rows.of(k)
-        moving = np.flatnonzero((np.abs(velocity[own]) > MOVING).any(axis=1))
+        indices = rows.of(k)
+        moving = np.flatnonzero((np.abs(velocity[indices]) > MOVING).any(axis=1))
         if len(moving) < 2:
             curves.append(None)
             continue
-        own = own[moving[0] : moving[-1] + 1]
-        grid = np.linspace(rows.time[own[0]], rows.time[own[-1]], SAMPLES)
-        step = float(np.median(np.diff(rows.time[own])))
-        curve = np.column_stack([np.interp(grid, rows.time[own], column) for column in values[own].T])
+        indices = indices[moving[0] : moving[-1] + 1]
+        grid = np.linspace(rows.time[indices[0]], rows.time[indices[-1]], SAMPLES)
+        step = float(np.median(np.diff(rows.time[indices])))
+        curve = np.column_stack([np.interp(grid, rows.time[indices], column) for column in values[indices].T])
         curves.append((float(grid[-1] - grid[0]), step, curve))
     first: list[int] = []
     for k, other in enumerate(curves):

@@ -107,8 +107,8 @@ def read_lerobot(
     wrong = misread(table[LEROBOT["position"]][:, order], unit)
     there = {q: c for q, c in LEROBOT.items() if c in table}
     blocks = {q: table[c][:, order] for q, c in there.items() if table[c].shape[1] > max(order)}
-    if left := [c for q, c in there.items() if q not in blocks]:
-        notes.append(f"not used, of another size: {', '.join(left)}")
+    if unused := [c for q, c in there.items() if q not in blocks]:
+        notes.append(f"not used, of another size: {', '.join(unused)}")
     for quantity in ("position", "command"):
         if quantity in blocks:
             blocks[quantity] = _angles(blocks[quantity], unit, limits, servos)
@@ -227,8 +227,8 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
         events = read_log(folder / EVENTS, headed=True)
         if not {"event", "timestamp"} <= set(events.header):
             raise BayescalError("no columns `event` and `timestamp`", f"{folder.name}/{EVENTS}", "remove it")
-        name, at = (events.header.index(column) for column in ("event", "timestamp"))
-        when = {row[name]: scale * float(row[at]) for row in events.rows if is_number(row[at])}
+        name, stamp = (events.header.index(column) for column in ("event", "timestamp"))
+        when = {row[name]: scale * float(row[stamp]) for row in events.rows if is_number(row[stamp])}
         begin, end = when.get("MOTION_START", -np.inf), when.get("DISABLE", np.inf)
         keep = (time >= begin) & (time <= end)
         notes.append(f"{int((~keep).sum())} rows before MOTION_START or after DISABLE left out")
@@ -254,8 +254,8 @@ def _listed(
     log = read_log(path, headed=True, cut=True)
     try:
         time = np.array([float(row[log.header.index("timestamp")]) for row in log.rows])
-        found = {c: log.header.index(c) for c in wanted.values() if c in log.header}
-        lists = {c: np.array([json.loads(row[k]) for row in log.rows], float) for c, k in found.items()}
+        index = {c: log.header.index(c) for c in wanted.values() if c in log.header}
+        lists = {c: np.array([json.loads(row[k]) for row in log.rows], float) for c, k in index.items()}
         lists = {c: v for c, v in lists.items() if v.ndim == 2 and v.shape[1]}
         first = next(iter(wanted.values()))
         if first not in lists:

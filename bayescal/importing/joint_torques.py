@@ -45,7 +45,7 @@ STATE = '`--torque "current: 11.4 11.4 9.9 ..."`'
 
 
 def one_torque(
-    rows: Rows, velocity: np.ndarray, known: str, stated: str
+    rows: Rows, velocity: np.ndarray, recorded: str, stated: str
 ) -> tuple[Rows, dict[str, Any], tuple[str, ...]]:
     """The rows with one quantity of torque, what dataset.yaml says of it, and what was assumed."""
     kind, _, numbers = stated.partition(":")
@@ -69,8 +69,8 @@ def one_torque(
     if name == "current" and kind in ("motor", "sensor"):
         what = f"the log has currents, A, and no torques of a {kind}"
         raise BayescalError(what, "--torque", f"state their constants: {STATE}, or map torques, N m")
-    current = kind == "current" or (kind == "" and "current" in (name, known))
-    kind = kind or ("current" if current else known or "motor")
+    current = kind == "current" or (kind == "" and "current" in (name, recorded))
+    kind = kind or ("current" if current else recorded or "motor")
     said: dict[str, Any] = {"kind": kind, "referred_to": "joint", "sign": "joint"}
     if current:
         constants, how = torque_constants(rows, velocity, numbers, name)
@@ -111,12 +111,12 @@ def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str, name: str) 
             what += ": efforts of this arm are currents, A, as its driver writes them"
             remedy += "; if they are in N m: --torque motor"
         raise BayescalError(what, "--torque", remedy)
-    rest = (np.abs(velocity) < MOVING).all(axis=1)
+    at_rest = (np.abs(velocity) < MOVING).all(axis=1)
     out = np.full(n, np.nan)
-    held = torque[rest] if rest.sum() > 1 else np.zeros((1, n))
+    held = torque[at_rest] if at_rest.sum() > 1 else np.zeros((1, n))
     bears = [j for j in range(n) if rms(held[:, j]) > BORNE * np.abs(torque[:, j]).max() > 0]
     for j in bears:
-        m, i = torque[rest, j], current[rest, j]
+        m, i = torque[at_rest, j], current[at_rest, j]
         out[j] = m @ i / max(i @ i, 1e-30)
     for j in set(range(n)) - set(bears):
         out[j] = _in_motion(torque[:, j], current[:, j], velocity[:, j])
@@ -187,9 +187,9 @@ def _slopes(rows: Rows, turned: np.ndarray) -> list[float]:
     """
     wide, position = max(round(SPAN / float(np.median(np.diff(rows.time)))), 1), rows.cells["position"]
     same = rows.motion[wide:] == rows.motion[:-wide]
-    moved, told = ((x[wide:] - x[:-wide])[same] for x in (position, turned))
+    moved, others = ((x[wide:] - x[:-wide])[same] for x in (position, turned))
     out = []
-    for m, t in zip(moved.T, told.T, strict=True):
+    for m, t in zip(moved.T, others.T, strict=True):
         go = np.abs(m) > max(10 * MOVING * SPAN, 0.3 * np.abs(m).max(initial=0.0))
         out.append(float(t[go] @ m[go] / (m[go] @ m[go])) if go.sum() > 10 else 1.0)
     return out
