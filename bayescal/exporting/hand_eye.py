@@ -110,8 +110,8 @@ def _fixed(arm: FittedArm, target: str, child: str, state_row: int) -> Transform
     _, by_arm, by_own = block.linearise(arm.values, z)
     kept = ~np.isin(np.array(arm.dataset.measurements.ids)[block.rows], arm.rejected)
     weight = np.tile(kept / arm.beyond.noise_of(block) ** 2, block.kind.rows)
-    own = np.linalg.inv(by_own.T @ (by_own * weight[:, None]) + np.eye(block.size))
-    by = -own @ by_own.T @ (by_arm * weight[:, None])
+    covariance = np.linalg.inv(by_own.T @ (by_own * weight[:, None]) + np.eye(block.size))
+    by = -covariance @ by_own.T @ (by_arm * weight[:, None])
     spread = np.zeros((len(state), block.size))
     spread[block.free] = np.diag(block.sd)
     # from a turn about the pivot in F0 to one about the frame's own axes, and to a shift of its origin
@@ -128,27 +128,29 @@ def _fixed(arm: FittedArm, target: str, child: str, state_row: int) -> Transform
     by_base[3:] = back[:3, :3] @ by_base[3:]
     jacobian[3:] = back[:3, :3] @ jacobian[3:]
     by = jacobian @ spread @ by + by_base
-    own = jacobian @ spread @ own @ spread.T @ jacobian.T
-    return Transform(BASE, child, back @ frame, own + by @ arm.covariance @ by.T)
+    covariance = jacobian @ spread @ covariance @ spread.T @ jacobian.T
+    return Transform(BASE, child, back @ frame, covariance + by @ arm.covariance @ by.T)
 
 
 def _write(arm: FittedArm, options: Options) -> Written:
-    found = hand_eyes(arm, options.state)
-    if not found:
+    solutions = hand_eyes(arm, options.state)
+    if not solutions:
         remedy = "fit a session that has a target of kind camera"
         raise BayescalError("the session has no camera", "--to hand-eye", remedy)
-    places = {f"{h.tool} {axis}": h for h in found for axis in ("x", "y", "z", "rx", "ry", "rz")}
+    places = {f"{h.tool} {axis}": h for h in solutions for axis in ("x", "y", "z", "rx", "ry", "rz")}
     items = [
         item(arm, k, places[p.name].on_flange.child, "on the flange")
         for k, p in enumerate(arm.model.parameters)
         if p.name in places
     ]
-    beside = {".launch.py": _launch(found), ".opencv.json": _opencv(arm, found)}
+    beside = {".launch.py": _launch(solutions), ".opencv.json": _opencv(arm, solutions)}
     notes = [f"frames of ROS: {BASE} is F0, {END} is the flange; rename them where yours differ"]
-    if len(found) > 1:
-        others = ", ".join(h.target for h in found[1:])
-        notes.append(f"the YAML file has {found[0].target} alone, the others all; not in it: {others}")
-    return Written(_easy_handeye(found[0]), items, beside, notes, {"hand_eye": [_record(h) for h in found]})
+    if len(solutions) > 1:
+        others = ", ".join(h.target for h in solutions[1:])
+        notes.append(f"the YAML file has {solutions[0].target} alone, the others all; not in it: {others}")
+    return Written(
+        _easy_handeye(solutions[0]), items, beside, notes, {"hand_eye": [_record(h) for h in solutions]}
+    )
 
 
 def _record(h: HandEye) -> dict[str, object]:
@@ -194,10 +196,10 @@ def _easy_handeye(h: HandEye) -> str:
     )  # fmt: skip
 
 
-def _launch(found: list[HandEye]) -> str:
+def _launch(solutions: list[HandEye]) -> str:
     """Static transforms of all cameras and boards, as a launch file of ROS 2."""
     nodes = []
-    for t in (t for h in found for t in (h.on_flange, h.fixed)):
+    for t in (t for h in solutions for t in (h.on_flange, h.fixed)):
         values = [*t.pose[:3, 3].tolist(), *t.quaternion.tolist()]
         options = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, values), strict=True))
         options |= {"frame-id": t.parent, "child-frame-id": t.child}
@@ -206,10 +208,10 @@ def _launch(found: list[HandEye]) -> str:
     return rendered("hand_eye.launch.py.j2", nodes=nodes)
 
 
-def _opencv(arm: FittedArm, found: list[HandEye]) -> str:
+def _opencv(arm: FittedArm, solutions: list[HandEye]) -> str:
     """Matrices as of cv2.calibrateRobotWorldHandEye and cv2.calibrateCamera, with covariances, as JSON."""
     cameras = []
-    for h in found:
+    for h in solutions:
         t = arm.dataset.targets[arm.model.scene.index[h.target]]
         lens, fitted = lens_of(t), {p.name: arm.values[k] for k, p in enumerate(arm.model.parameters)}
 

@@ -119,12 +119,12 @@ def _lerobot(sign: int, arm: FittedArm, options: Options) -> Written:
             what = f"the offset of {servo.name} would be half a turn, {offset} steps"
             raise BayescalError(what, path.name, "mount the horn of the servo turned, and calibrate it again")
         content[servo.name] = content[servo.name] | {"homing_offset": offset}
-    left = np.degrees((steps - whole) * TURN / STEPS)
-    remainder = {name: float(f"{x:.6g}") for name, x in zip(joints, left.tolist(), strict=True)}
+    rounding = np.degrees((steps - whole) * TURN / STEPS)
+    remainder = {name: float(f"{x:.6g}") for name, x in zip(joints, rounding.tolist(), strict=True)}
     notes = [
         *undetermined(arm, covariance),
         f"corrections are rounded to a step of {360 / STEPS:.3f} deg; the remainder is at most "
-        f"{np.abs(left).max():.3f} deg ({joints[int(np.argmax(np.abs(left)))]})",
+        f"{np.abs(rounding).max():.3f} deg ({joints[int(np.argmax(np.abs(rounding)))]})",
         "the ranges are as they were: the arm stops that much earlier or later",
         "LeRobot divides a turn by 4095: its degrees stay too large by 0.024 %",
     ]
@@ -148,8 +148,8 @@ def _ros2_control(arm: FittedArm, options: Options) -> Written:
         "copy the transmissions into the <ros2_control> of the arm; add the offset it has already",
         "mechanical_reduction is 1: of an actuator with a gear write its reduction; the offset stays",
     ]
-    found = corrections(arm, "transmission/joint[@name='{}']", "offset")
-    return Written('<?xml version="1.0"?>\n' + indented(text), found, notes=notes)
+    entries = corrections(arm, "transmission/joint[@name='{}']", "offset")
+    return Written('<?xml version="1.0"?>\n' + indented(text), entries, notes=notes)
 
 
 FEETECH, DYNAMIXEL = (Format(".json", partial(_lerobot, sign), holds, LIMITS, into=True) for sign in (-1, 1))

@@ -309,8 +309,8 @@ def _write_pal(arm: FittedArm, options: Options) -> Written:
 
 def _joint_of(element: str) -> str:
     """The name of a joint in an XPath."""
-    found = re.search(r"@name=(['\"])(.*)\1", element)
-    return found[2] if found else element
+    matched = re.search(r"@name=(['\"])(.*)\1", element)
+    return matched[2] if matched else element
 
 
 PAL = Format(

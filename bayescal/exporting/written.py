@@ -210,17 +210,17 @@ def replace_earlier(
     """
     sidecar = sidecar_of(path)
     files = {**content, sidecar: json_text(record)}
-    known = _earlier(sidecar, path.name, record["schema"])
+    earlier = _earlier(sidecar, path.name, record["schema"])
     there = {file: "" if file == sidecar else _found(file) for file in filter(Path.exists, files)}
-    for file, found in there.items():
+    for file, checksum in there.items():
         if to_patch is not None and to_patch.exists() and file.samefile(to_patch):
             what = "is the file to patch itself"
             raise BayescalError(what, str(file), "give another --out: it is not changed")
-        if file != sidecar and found not in known.get(file.name, ()):
+        if file != sidecar and checksum not in earlier.get(file.name, ()):
             raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
-        if file == sidecar and not known:
+        if file == sidecar and not earlier:
             raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
-    replaced = {file.name: found for file, found in there.items() if file != sidecar}
+    replaced = {file.name: checksum for file, checksum in there.items() if file != sidecar}
     write_together(files, {sidecar: json_text({**record, "replaces": replaced})})
     return tuple(files)
 
@@ -242,7 +242,9 @@ def _earlier(sidecar: Path, name: str, schema: str) -> dict[str, set[str]]:
         record = json.loads(content_of(sidecar).decode("utf-8"))
         new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == schema else {}
         replaced = record.get("replaces", {})
-        return {key: {found, *([replaced[key]] if key in replaced else [])} for key, found in new.items()}
+        return {
+            key: {checksum, *([replaced[key]] if key in replaced else [])} for key, checksum in new.items()
+        }
     except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
 

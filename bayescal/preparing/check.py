@@ -247,8 +247,9 @@ def check(folder: Path | str, robot: Loaded | None = None) -> Check:
     findings += missing(scene, model, tests, posed)
     tested = None if any(f.kind == "refused" for f in findings) else judged(dataset)
     if tested is not None:
-        found = mistaken(tested)
-        mistakes = [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in found]
+        mistakes = [
+            Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)
+        ]
         if any("diameter_mm" in f.what for f in mistakes):
             findings = [f for f in findings if f.code != "diameter"]  # that the contacts show another one
         findings += mistakes

@@ -285,11 +285,11 @@ def start(
         placed=described,
     )
     columns, chosen = columns_of(draft), [ARTEFACTS[each] for each in artefacts]
-    known = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE}
+    context = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE}
     files = {
         SETTINGS: settings_text(draft),
         TABLE: ",".join(chain(*columns.values())) + "\n",
-        README: rendered("README.md.j2", folder=folder.name, draft=draft, artefacts=chosen, **known),
+        README: rendered("README.md.j2", folder=folder.name, draft=draft, artefacts=chosen, **context),
         ".dataset.schema.json": schema_text("dataset"),
     }
     if not builtin:

@@ -56,17 +56,17 @@ def uniform(motion: Motion) -> Uniform:
     grid = np.arange(motion.time[0], motion.time[-1] + raw / 2, raw)
     every = max(round(STEP / raw), 1)
 
-    def at(values: np.ndarray | None) -> np.ndarray | None:
+    def resampled(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
             return None
         even = np.column_stack([np.interp(grid, motion.time, column) for column in values.T])
         return even if every == 1 else np.asarray(uniform_filter1d(even, every, axis=0)[::every])
 
-    position = at(motion.position)
+    position = resampled(motion.position)
     assert position is not None
-    step, measured = raw * every, at(motion.velocity)
+    step, measured = raw * every, resampled(motion.velocity)
     velocity = np.gradient(position, step, axis=0) if measured is None else measured
-    return Uniform(step, position, velocity, measured, at(motion.torque), at(motion.command))
+    return Uniform(step, position, velocity, measured, resampled(motion.torque), resampled(motion.command))
 
 
 BAND = 8.0
@@ -143,12 +143,12 @@ def torque_delays(log: Log, even: Sequence[Uniform]) -> tuple[Delays, ...]:
         return (nothing,) * log.n
     every = [_delay(pieces, j, slides=False) for j in range(log.n)]
     sliding = [_delay(pieces, j, slides=True) for j in range(log.n)]
-    known = [
+    differences = [
         (a.value - s.value, s.u) for a, s in zip(every, sliding, strict=True) if np.isfinite([a.u, s.u]).all()
     ]
-    if not known:
+    if not differences:
         return tuple(Delays(np.nan, np.nan, a.pieces) for a in every)
-    away = np.array([x / u for x, u in known])
+    away = np.array([x / u for x, u in differences])
     if abs(away.sum()) <= AGREE * np.sqrt(len(away)):
         return tuple(every)
     return tuple(
@@ -180,8 +180,10 @@ def _piece(log: Log, motion: int, e: Uniform, part: slice, every: int) -> _Piece
     bodies = regressor(log.mechanism, q, v, a, log.gravity)
     carries = log.motions[motion].loaded
     way = np.tanh(v / REVERSAL)
-    own = np.stack([a, way, way * np.sqrt(np.abs(v)), v, v * np.abs(v), np.abs(v), np.ones_like(v)], axis=2)
-    parts = [bodies.reshape(*v.shape, -1), carries * bodies[:, :, -1], own]
+    joint_drivers = np.stack(
+        [a, way, way * np.sqrt(np.abs(v)), v, v * np.abs(v), np.abs(v), np.ones_like(v)], axis=2
+    )
+    parts = [bodies.reshape(*v.shape, -1), carries * bodies[:, :, -1], joint_drivers]
     low = butter(2, high, fs=1 / e.step, output="sos")
     drivers = sosfiltfilt(low, np.concatenate(parts, axis=2), axis=0)
     rows = np.arange(edge, len(q) - edge, every)
@@ -220,17 +222,17 @@ def _delay(pieces: Sequence[_Piece], j: int, *, slides: bool) -> Delays:
     x, rates = x / scale, rates / scale
     inverse = np.linalg.inv(x.T @ x + RIDGE * len(x) * np.eye(x.shape[1]))
 
-    def rest(y: np.ndarray) -> np.ndarray:
+    def residual(y: np.ndarray) -> np.ndarray:
         return y - x @ (inverse @ (x.T @ y))
 
     late, y, slope = 0.0, np.empty(0), np.empty(0)
     for _ in range(STEPS):
         y = np.concatenate([_at(p, j, late)[keep] for p, keep in zip(pieces, kept, strict=True)])
         slope = -rates @ (inverse @ (x.T @ y))
-        one = rest(slope)
+        one = residual(slope)
         late += float(np.clip(one @ y / max(one @ one, 1e-300), -FARTHEST, FARTHEST))
-    y = rest(np.concatenate([_at(p, j, late)[keep] for p, keep in zip(pieces, kept, strict=True)]))
-    each = rest(slope[:, None] * (which[:, None] == np.arange(len(pieces))))
+    y = residual(np.concatenate([_at(p, j, late)[keep] for p, keep in zip(pieces, kept, strict=True)]))
+    each = residual(slope[:, None] * (which[:, None] == np.arange(len(pieces))))
     square, noise = each.T @ each, float(np.mean(y**2))
     values = late + np.linalg.pinv(square, rcond=RIDGE, hermitian=True) @ (each.T @ y)
     weight = np.diag(square) / max(noise, 1e-300)

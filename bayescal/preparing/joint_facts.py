@@ -108,8 +108,8 @@ def _at_rest(frequency: np.ndarray, gain: np.ndarray) -> float:
     """
     steady = np.flatnonzero(gain < np.sqrt(0.5) * np.max(gain[:2]))
     count = max(min(len(gain) // 8, int(steady[0]) if len(steady) else len(gain)), 3)
-    at, inverse = frequency[:count] ** 2, gain[:count] ** -2.0
-    slope, level = np.polyfit(at, inverse, 1)
+    squared, inverse = frequency[:count] ** 2, gain[:count] ** -2.0
+    slope, level = np.polyfit(squared, inverse, 1)
     return float(level**-0.5) if slope > 0 and level > 0 else float(np.median(gain[: max(count, 2)]))
 
 
@@ -154,10 +154,10 @@ def spikes(values: np.ndarray, span: np.ndarray) -> np.ndarray:
 def clipped(values: np.ndarray) -> float:
     """The value at which a torque (N,) is limited; nan if it is not."""
     for extreme in (values.max(), values.min()):
-        at = values == extreme
-        run = np.flatnonzero(np.diff(np.r_[0, at.astype(int), 0]))
+        limited = values == extreme
+        run = np.flatnonzero(np.diff(np.r_[0, limited.astype(int), 0]))
         longest = int(np.max(np.diff(run)[::2])) if len(run) else 0
-        if longest >= CLIPPED[0] and at.sum() > CLIPPED[1] * len(values) and np.ptp(values) > 0:
+        if longest >= CLIPPED[0] and limited.sum() > CLIPPED[1] * len(values) and np.ptp(values) > 0:
             return float(extreme)
     return np.nan
 
@@ -190,7 +190,7 @@ class Joint:
     lowest: float
     highest: float
     fastest: float
-    rest: float  # fraction of rows
+    at_rest: float  # fraction of rows
     slow: float  # s at `SLOW` speeds
     gravity: tuple[float, float]  # N m, mean and standard deviation over the poses
     torque_gain: float  # measured torque over that of the nominal masses; nan if gravity changes little
@@ -247,7 +247,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 lowest=float(position[:, j].min()),
                 highest=float(position[:, j].max()),
                 fastest=float(speed.max()),
-                rest=float(np.mean(speed <= SLOW[0])),
+                at_rest=float(np.mean(speed <= SLOW[0])),
                 slow=float(np.concatenate(steps)[slow].sum()),
                 gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
                 torque_gain=float(gains[j]),

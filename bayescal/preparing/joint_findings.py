@@ -52,11 +52,11 @@ def clock_drift(joints: Sequence[Joint]) -> tuple[float, float]:
     time, weight = late[0][0], np.sum([w for _, _, w in late], axis=0)
     values = np.sum([w * (v - w @ v / w.sum()) for _, v, w in late], axis=0) / np.maximum(weight, 1e-300)
     time = time - weight @ time / weight.sum()
-    known = weight @ time**2
-    slope = float(weight * time @ values / known)
-    rest = values - weight @ values / weight.sum() - slope * time
+    information = weight @ time**2
+    slope = float(weight * time @ values / information)
+    residual = values - weight @ values / weight.sum() - slope * time
     free = max(int(np.count_nonzero(weight)) - 2, 1)
-    return slope, float(np.sqrt(weight @ rest**2 / free / known))
+    return slope, float(np.sqrt(weight @ residual**2 / free / information))
 
 
 def gravity_loaded(joints: Sequence[Joint]) -> list[Joint]:
@@ -116,9 +116,9 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
 
 def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     """Delays between torque, velocity and position."""
-    known = [(k, *j.torque_delay) for k, j in enumerate(joints) if np.isfinite(j.torque_delay).all()]
-    if known:
-        _, values, u = (np.array(column) for column in zip(*known, strict=True))
+    delays = [(k, *j.torque_delay) for k, j in enumerate(joints) if np.isfinite(j.torque_delay).all()]
+    if delays:
+        _, values, u = (np.array(column) for column in zip(*delays, strict=True))
         u_mean = float(u.min())  # what is missing in the drivers is alike for all joints
         order = np.argsort(values)
         half = np.searchsorted(np.cumsum(u[order] ** -2.0), 0.5 * np.sum(u**-2.0))
@@ -133,7 +133,7 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
             remedy = f"two clocks? state `alignment_ms: {1e3 * mean:.2f}`; else `delay` is assessed"
             yield Finding("delay", "odd", what, table, remedy)
         if away.any():
-            late = [f"{joints[known[k][0]].name} {1e3 * values[k]:.2g} ms" for k in np.flatnonzero(away)]
+            late = [f"{joints[delays[k][0]].name} {1e3 * values[k]:.2g} ms" for k in np.flatnonzero(away)]
             what = f"the delay of torque differs by joint: {', '.join(late)}; the others {1e3 * mean:.2g} ms"
             yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
     slope, u_slope = clock_drift(joints)
@@ -348,17 +348,17 @@ def _sag(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
 def _zeros(log: Log, joints: Sequence[Joint], calibrations: Sequence[Path]) -> Iterator[Finding]:
     """Differences of the zeros of calibrations, and readings beyond the range of the first one."""
     names = log.mechanism.joint_names
-    known = [(path.name, of_joints(read_calibration(path), names, path.name)) for path in calibrations]
-    if not known:
+    by_file = [(path.name, of_joints(read_calibration(path), names, path.name)) for path in calibrations]
+    if not by_file:
         return
-    first, servos = known[0]
+    first, servos = by_file[0]
     for joint, servo in zip(joints, servos, strict=True):
         half = 0.5 * (servo.range_max - servo.range_min) * STEP
         beyond = max(joint.highest, -joint.lowest) - half
         if beyond > NEAR:
             what = f"{joint.name} is up to {np.degrees(beyond):.1f} deg beyond its range in the calibration"
             yield Finding("range", "odd", what, first, "is it the calibration of this log?")
-    for other, theirs in known[1:]:
+    for other, theirs in by_file[1:]:
         for name, one, two in zip(names, servos, theirs, strict=True):
             steps = zero_shift(one, two)
             if abs(steps) > APART:

@@ -80,29 +80,29 @@ def interchanged(log: Log, even: Sequence[Uniform]) -> str:
         return ""
     (q, v, a, torque, payload), m = _rows(log, even), log.mechanism
 
-    def rest(order: list[int], of_torque: list[int]) -> float:
+    def log_residual(order: list[int], of_torque: list[int]) -> float:
         """Sum over the joints of the logarithm of the residual (RMS)."""
         by = regressor(m, q[:, order], v[:, order], a[:, order], log.gravity)
-        left = torque[:, of_torque] - carried(by, m.inertials, m, payload)
+        residual = torque[:, of_torque] - carried(by, m.inertials, m, payload)
         total = 0.0
-        for e, speed, rotor in zip(left.T, v[:, order].T, a[:, order].T, strict=True):
+        for e, speed, rotor in zip(residual.T, v[:, order].T, a[:, order].T, strict=True):
             drivers = np.column_stack([np.tanh(speed / SLOW[1]), speed, rotor, np.ones(len(speed))])
             e = e - drivers @ np.linalg.lstsq(drivers, e, rcond=None)[0]
             total += float(np.log(np.sqrt(np.mean(e**2)) + 1e-12))
         return total
 
-    own = list(range(log.n))
-    stated, names = rest(own, own), m.joint_names
-    found: list[tuple[float, str]] = []
-    for i, k in combinations(own, 2):
-        other = own.copy()
+    as_stated = list(range(log.n))
+    stated, names = log_residual(as_stated, as_stated), m.joint_names
+    candidates: list[tuple[float, str]] = []
+    for i, k in combinations(as_stated, 2):
+        other = as_stated.copy()
         other[i], other[k] = k, i
         both = f"{names[i]} and {names[k]}"
-        found += [
-            (rest(other, other), f"the columns of {both}"),
-            (rest(other, own), f"the positions of {both}"),
+        candidates += [
+            (log_residual(other, other), f"the columns of {both}"),
+            (log_residual(other, as_stated), f"the positions of {both}"),
         ]
-    best = min(found, default=(stated, ""))
+    best = min(candidates, default=(stated, ""))
     return best[1] if stated - best[0] > np.log(FACTOR) else ""
 
 
@@ -258,7 +258,7 @@ def _joint_record(j: Joint) -> dict[str, Any]:
         "name": j.name,
         "range_deg": [_plain(np.degrees(j.lowest)), _plain(np.degrees(j.highest))],
         "fastest_rad_per_s": _plain(j.fastest),
-        "at_rest": _plain(j.rest),
+        "at_rest": _plain(j.at_rest),
         "slow_s": _plain(j.slow),
         "gravity_Nm": {"mean": _plain(j.gravity[0]), "sd": _plain(j.gravity[1])},
         "delay_ms": {k: {"value": _plain(1e3 * v), "u": _plain(1e3 * u)} for k, (v, u) in delays.items()},

@@ -91,15 +91,15 @@ def missing(
 def _predicted(scene: Scene) -> Iterator[Finding]:
     """Tools and instruments that only validation rows use: none to calibrate with or to locate them."""
     dataset, m = scene.dataset, scene.dataset.measurements
-    found, validate = scene.rows("calibrate", "locate"), scene.rows("validate")
+    fit_rows, validate = scene.rows("calibrate", "locate"), scene.rows("validate")
     if not len(scene.rows("calibrate")):
         return
-    for k in np.setdiff1d(m.tool[validate], m.tool[found]).tolist():
+    for k in np.setdiff1d(m.tool[validate], m.tool[fit_rows]).tolist():
         what = f"only validation rows use the tool {dataset.tools[k].name}: its centre is not fitted, and is "
         what += f"uncertain by {1e3 * tool_u(scene, k):g} mm in every prediction"
         remedy = "fit some rows with this tool, or state `u_mm` of its centre"
         yield Finding("predicted_tool", "missing", what, TABLE, remedy)
-    for k in np.setdiff1d(m.target[validate], m.target[found]).tolist():
+    for k in np.setdiff1d(m.target[validate], m.target[fit_rows]).tolist():
         target = dataset.targets[k]
         if target.kind == "instrument":
             what = f"only validation rows are of the instrument {target.name}: its pose, uncertain by "

@@ -133,8 +133,8 @@ def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before:
     (path, _), robot = path_of(options.into), arm.dataset.robot
     spec = scene_arm.spec_of(scene_arm.skeleton(root), path.parent, path.name)
     model = scene_arm.model_of(spec, path.name)
-    found = scene_arm.find_arm(root, spec, model, robot, tip, path.name)
-    in_file = replace(found, where=_upright(found.where, before.opt.gravity, arm.dataset.gravity))
+    located = scene_arm.find_arm(root, spec, model, robot, tip, path.name)
+    in_file = replace(located, where=_upright(located.where, before.opt.gravity, arm.dataset.gravity))
     content = Content(arm, options.state)
     law = law_of(content)
     return Scene(
