@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from bayescal.arm.motion import TURN, Term
-from bayescal.effects.common import alone, apart, at, each, within
+from bayescal.effects.common import alone, apart, each, site_and_driver, within
 from bayescal.effects.location import ARM, BASE, TOOL, Driver, Site, Size, face, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan, Where
 from bayescal.errors import BayescalError
@@ -75,7 +75,7 @@ def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
     for j, name in enumerate(c.robot.joint_names, start=1):
         term, slides = (Term(j, c.robot.axes[j - 1], driver),), c.robot.slides[j - 1]
         unit, sd = ("m", BASE_SD) if slides else ("rad", ZERO_SD)
-        out.append(Parameter(f"thermal-drift {name} by {by}", unit, term, sd, **at(j, kind)))
+        out.append(Parameter(f"thermal-drift {name} by {by}", unit, term, sd, **site_and_driver(j, kind)))
     return out
 
 

@@ -88,7 +88,7 @@ def waves(
         Parameter(
             f"{label.format(order)} {name} {wave}", unit,
             (Term(j, c.robot.axes[j - 1], shape(per * order * c.q[:, j - 1])),), u,
-            **at(j, by_reading(c.robot, j, order)),
+            **site_and_driver(j, by_reading(c.robot, j, order)),
         )
         for j, (name, every) in enumerate(zip(names, of_joint, strict=True), start=1)
         for unit, per, u in (("m", 2.0 * np.pi, along) if slides[j - 1] else ("rad", 1.0, sd),)
@@ -98,7 +98,7 @@ def waves(
     ]  # fmt: skip
 
 
-def at(joint: int, driver: Driver) -> Where:
+def site_and_driver(joint: int, driver: Driver) -> Where:
     """Site and driver of a parameter that acts at a joint (from 1)."""
     return {"site": location.joint(joint), "driver": driver}
 
@@ -138,7 +138,7 @@ def at_gears(
             terms = turned(c.robot, j, shape(by), side)
             driver = by_reading(c.robot, j) if kind == "angle" else Driver(kind, j)
             unit, sd = along if along and c.robot.slides[j - 1] else prior
-            out.append(Parameter(f"{effect} {name}", unit, terms, sd, **at(j, driver)))
+            out.append(Parameter(f"{effect} {name}", unit, terms, sd, **site_and_driver(j, driver)))
     return out
 
 
@@ -172,7 +172,8 @@ def along_travel(
             out += [
                 Parameter(
                     f"{effect} {c.robot.joint_names[j - 1]} {label} {order}", unit, (Term(j, axis, shape),),
-                    sd * float(first / order) ** FALL, **at(j, by_reading(c.robot, j, form="smooth")),
+                    sd * float(first / order) ** FALL,
+                    **site_and_driver(j, by_reading(c.robot, j, form="smooth")),
                 )
                 for label, axis in axes.items()
                 for order, shape in zip(orders.tolist(), shapes.T, strict=True)

@@ -11,11 +11,11 @@ from bayescal.arm.motion import Term
 from bayescal.effects import location
 from bayescal.effects.common import (
     LEANING,
-    at,
     base_terms,
     by_session,
     carries,
     first_axis,
+    site_and_driver,
     tilts,
     usual,
     vertical,
@@ -75,7 +75,7 @@ def by_torque(
         Parameter(
             f"{effect} {name}", "m" if slides else unit,
             (Term(j, c.robot.axes[j - 1], driver(torque, most)),), sd(compliance, most),
-            **at(j, Driver("torque", j, form=form)),
+            **site_and_driver(j, Driver("torque", j, form=form)),
         )
         for j, name, compliance, torque in loaded(c)
         for slides in [c.robot.slides[j - 1]]
@@ -89,7 +89,7 @@ def _compliance(c: Circumstances) -> list[Parameter]:
     return [
         Parameter(
             f"compliance {name}", unit, (Term(j, axis, torque),), SPREAD * mean, float(nominal[j - 1]),
-            mean, positive=True, **at(j, Driver("torque", j)),
+            mean, positive=True, **site_and_driver(j, Driver("torque", j)),
         )
         for j, name, mean, torque in loaded(c)
         for axis in [c.robot.axes[j - 1]]
@@ -147,7 +147,8 @@ def _uneven(c: Circumstances) -> list[Parameter]:
         Parameter(
             f"hardening {name} {words}", "m" if c.robot.slides[j - 1] else "rad",
             (Term(j, c.robot.axes[j - 1], side * np.maximum(side * soft, 0.0)),),
-            CHANGE * compliance * UNEVEN_KNEE * usual(c, torque), **at(j, Driver("torque", j, form="uneven")),
+            CHANGE * compliance * UNEVEN_KNEE * usual(c, torque),
+            **site_and_driver(j, Driver("torque", j, form="uneven")),
         )
         for j, name, compliance, torque in loaded(c)
         for soft in [np.tanh(torque / (UNEVEN_KNEE * usual(c, torque)))]

@@ -27,10 +27,10 @@ from bayescal.arm.statics import Loads, centre_of_mass, gravity_in_f0, hinges, p
 from bayescal.arm.transforms import cross
 from bayescal.effects.common import (
     LEANING,
-    at,
     by_session,
     carries,
     first_axis,
+    site_and_driver,
     vertical,
     without_masses,
     without_slides,
@@ -168,7 +168,8 @@ def _bent(c: Circumstances, beam: Beam, label: str) -> list[Parameter]:
                 out.append(
                     Parameter(
                         f"axis-bending {label}{c.robot.joint_names[j - 1]} {name}", "rad/(N m^2)", terms,
-                        SPREAD * MEAN, 0.0, MEAN, positive=True, **at(j, Driver("extended moment")),
+                        SPREAD * MEAN, 0.0, MEAN, positive=True,
+                        **site_and_driver(j, Driver("extended moment")),
                     )
                 )  # fmt: skip
     return out

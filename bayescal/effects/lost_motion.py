@@ -39,7 +39,8 @@ def _held(share: float) -> Form:
             push = share * common.sense(speed) - torque / common.usual(c, torque)
             terms = common.turned(c.robot, j, np.tanh(push / CHANGES), side)
             unit, sd = ("m", ALONG_SD) if c.robot.slides[j - 1] else ("rad", BACKLASH_SD)
-            out.append(Parameter(f"backlash {name}", unit, terms, sd, **common.at(j, Driver("flank", j))))
+            where = common.site_and_driver(j, Driver("flank", j))
+            out.append(Parameter(f"backlash {name}", unit, terms, sd, **where))
         return out
 
     words = f"where gravity torques above {share:.0%} of the usual torque hold the joint on one flank"

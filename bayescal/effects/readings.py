@@ -190,7 +190,7 @@ def _couplings(
     return [
         Parameter(
             f"coupling {names[k - 1]} to {names[j - 1]}", "1", terms(j, k), COUPLING_SD,
-            **common.at(j, Driver("angle", k, form=form)),
+            **common.site_and_driver(j, Driver("angle", k, form=form)),
         )
         for j in range(1, c.robot.n + 1)
         for k in range(max(1, j - BEFORE), min(c.robot.n, j + 1) + 1)

@@ -84,8 +84,8 @@ def read_log(folder: Path) -> Log:
     """
     document = read_document(folder / "dataset.yaml")
     check_schema(document, SCHEMA)
-    known, ignored = known_keys(document.data, LogFile)
-    stated = replace(document, data=known).parse(LogFile)
+    accepted, ignored = known_keys(document.data, LogFile)
+    stated = replace(document, data=accepted).parse(LogFile)
     file, written = _with_arm(stated, folder)
     mechanism, notes, robot = _mechanism(file, document, folder)
     table, content, name = _table(folder)
@@ -100,7 +100,7 @@ def read_log(folder: Path) -> Log:
         raise BayescalError("no motion has the role calibrate", document.where(("motions",)), "set one")
     gravity = file.gravity_mps2 or getattr(file.robot, "gravity_mps2", None)
     control = file.controller
-    own = folder / stated.robot.partition("#")[0] if isinstance(stated.robot, str) else folder
+    robot_file = folder / stated.robot.partition("#")[0] if isinstance(stated.robot, str) else folder
     digest = hashlib.sha256(document.content + content + written + robot).hexdigest()
     return Log(
         name=file.name,
@@ -120,7 +120,7 @@ def read_log(folder: Path) -> Log:
         link_side=file.position.side == "joint",
         notes=(*notes, *assumed, *_not_read("keys of dataset.yaml", ignored), *_not_read("columns", further)),
         digest=digest,
-        files=tuple(filter(Path.is_file, (folder / "dataset.yaml", folder / name, own))),
+        files=tuple(filter(Path.is_file, (folder / "dataset.yaml", folder / name, robot_file))),
         noise=_per_joint(file.noise.torque_Nm, mechanism, "torque_Nm"),
     )
 
@@ -133,8 +133,8 @@ def _with_arm(file: LogFile, folder: Path) -> tuple[LogFile, bytes]:
     document = read_document(folder / file.robot)
     if "schema" in document.data or "joints" not in document.data:
         return file, b""
-    known, _ = known_keys(document.data, Arm)
-    return file.model_copy(update={"robot": replace(document, data=known).parse(Arm)}), document.content
+    accepted, _ = known_keys(document.data, Arm)
+    return file.model_copy(update={"robot": replace(document, data=accepted).parse(Arm)}), document.content
 
 
 def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechanism, tuple[str, ...], bytes]:
@@ -172,8 +172,8 @@ def written_out(arm: Arm, name: str) -> Mechanism:
 
     columns = {field: column_of(joints, [key] * len(joints)) for key, field in OF_JOINTS.items()}
     shapes = {"limits": (len(joints), 2)}
-    known = {f: or_nan(column, *shapes.get(f, (len(joints),))) for f, column in columns.items()}
-    turned = np.flatnonzero(known["limits"][:, 0] >= known["limits"][:, 1])
+    values = {f: or_nan(column, *shapes.get(f, (len(joints),))) for f, column in columns.items()}
+    turned = np.flatnonzero(values["limits"][:, 0] >= values["limits"][:, 1])
     if len(turned):
         what = f"limits of {joints[turned[0]].name} are not in order"
         raise BayescalError(what, "dataset.yaml", "write [lower, upper]")
@@ -186,7 +186,7 @@ def written_out(arm: Arm, name: str) -> Mechanism:
         axis=axes / size[:, None],
         coupling=np.eye(len(joints)),
         transition=TRANSITION if transition is None else transition,
-        **known | {"inertia": known["inertia"][:, SIX]},  # type: ignore[arg-type]
+        **values | {"inertia": values["inertia"][:, SIX]},  # type: ignore[arg-type]
     )
 
 

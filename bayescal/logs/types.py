@@ -68,9 +68,11 @@ class Motion:
         columns = {f.name for f in fields(self)} - {"name", "role", "kind", "same_as", "line"}
         out = []
         for k, rows in enumerate(parts, 1):
-            own: dict[str, Any] = {c: None if (x := getattr(self, c)) is None else x[rows] for c in columns}
+            values: dict[str, Any] = {
+                c: None if (x := getattr(self, c)) is None else x[rows] for c in columns
+            }
             name = f"{self.name} ({k})"
-            out.append(replace(self, name=name, same_as=name, line=self.line + rows.start, **own))
+            out.append(replace(self, name=name, same_as=name, line=self.line + rows.start, **values))
         return tuple(out)
 
 
