@@ -204,11 +204,11 @@ class Lens:
         goal = (pixel - self.centre[:, None]) / self.focal[:, None]
         xy = goal.copy()
         for _ in range(UNDONE):
-            left = self.distorted(xy) - goal
+            residual = self.distorted(xy) - goal
             (a, b), (c, d) = self.slopes(xy)
             size = a * d - b * c
             size = np.where(np.abs(size) > 1e-6, size, 1e-6)
-            step = np.stack([d * left[0] - b * left[1], a * left[1] - c * left[0]]) / size
+            step = np.stack([d * residual[0] - b * residual[1], a * residual[1] - c * residual[0]]) / size
             xy = xy - np.clip(step, -0.3, 0.3)
             if np.max(np.abs(step), initial=0.0) < 1e-14:
                 break
@@ -289,8 +289,8 @@ class Camera(Framed):
 
     def pixels(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Predicted pixels (..., 2, C)."""
-        at = self.seen(x, pose)
-        return self.lens.pixels(at[..., :2, :] / np.maximum(at[..., 2:, :], NEAREST))
+        points = self.seen(x, pose)
+        return self.lens.pixels(points[..., :2, :] / np.maximum(points[..., 2:, :], NEAREST))
 
     def residual(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         return self.scale * (self.pixels(x, pose) - self.pixel.T)
@@ -298,7 +298,7 @@ class Camera(Framed):
     def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (camera, _), local = self._frames(x, pose), self.seen(x, pose)
         axes = camera[..., :3, :]
-        at = kind.product(axes, local[..., None, :])[..., 0, :] + camera[..., 3, :]
+        points = kind.product(axes, local[..., None, :])[..., 0, :] + camera[..., 3, :]
         depth = np.maximum(local[..., 2, :], NEAREST)
         xy = local[..., :2, :] / depth[..., None, :]
         r = self.scale * (self.lens.pixels(xy) - self.pixel.T)
@@ -309,11 +309,11 @@ class Camera(Framed):
         by = np.concatenate([slopes, inward[..., None, :]], axis=-2)
         w = kind.product(by, np.swapaxes(axes, -3, -2))
         force = -w if self.carried else w
-        lever = at - pose[..., 3, :]
+        lever = points - pose[..., 3, :]
         moment = np.cross(lever[..., None, :, :], force, axis=-2)
-        own = w if self.carried else -w  # by what is fixed, moved along F0
-        about = at - (self.pivot + x[..., 3:])[..., None]
-        spin = np.cross(about[..., None, :, :], own, axis=-2)
+        by_fixed = w if self.carried else -w  # by what is fixed, moved along F0
+        about = points - (self.pivot + x[..., 3:])[..., None]
+        spin = np.cross(about[..., None, :, :], by_fixed, axis=-2)
         by_turn = np.einsum("...ijc,...jk->...ick", spin, kind.left_jacobian(x[..., :3]))
-        dx = np.concatenate([by_turn, np.swapaxes(own, -1, -2)], axis=-1)
+        dx = np.concatenate([by_turn, np.swapaxes(by_fixed, -1, -2)], axis=-1)
         return r, np.concatenate([force, moment], axis=-2), dx

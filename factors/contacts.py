@@ -41,13 +41,13 @@ class Plane:
         """The two directions, (2, 3), towards which the normal tilts."""
         return tangents(self.normal)
 
-    def at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def normal_and_offset(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normal (..., 3) and offset from the origin of F0 (...), m."""
         normal, _ = tilted(self.normal, self.tangents, x[..., :2])
         return normal, normal @ self.pivot + x[..., 2]
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        normal, offset = self.at(x)
+        normal, offset = self.normal_and_offset(x)
         return (dot(normal, p) - (offset[..., None] + self.radius))[..., None, :]
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -62,7 +62,7 @@ class Plane:
         return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        normal, offset = self.at(x)
+        normal, offset = self.normal_and_offset(x)
         return {"normal": normal, "offset": float(offset)}
 
     def feature(self, x: np.ndarray) -> Feature:

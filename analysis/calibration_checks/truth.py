@@ -137,7 +137,7 @@ def _true(target: Target, model: Model, z: np.ndarray, spheres: Mapping[str, Tar
     block = model.block_of[target.name]
     if not isinstance(block.kind, Plane):
         return target
-    normal, offset = block.kind.at(block.state(z[model.slices[target.name]]))
+    normal, offset = block.kind.normal_and_offset(block.state(z[model.slices[target.name]]))
     return replace(target, values={"normal": normal, "offset": float(offset)})
 
 

@@ -67,8 +67,8 @@ def board_poses(corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.nda
     some = enough[image]
     if not some.any():
         return poses
-    found = _linear(local[some], xy[some], np.cumsum(enough)[image[some]] - 1, flat)
-    poses[enough] = refined(found, local[some], xy[some], np.cumsum(enough)[image[some]] - 1)
+    start = _linear(local[some], xy[some], np.cumsum(enough)[image[some]] - 1, flat)
+    poses[enough] = refined(start, local[some], xy[some], np.cumsum(enough)[image[some]] - 1)
     out = np.empty_like(poses)
     out[..., :3] = poses[..., :3] @ axes
     out[..., 3] = wide * poses[..., 3] - out[..., :3] @ middle
@@ -85,11 +85,12 @@ def _linear(local: np.ndarray, xy: np.ndarray, image: np.ndarray, flat: bool) ->
     count = np.bincount(image)
     mean = _sums(xy, image) / count[:, None]
     spread = np.sqrt(_sums(np.sum((xy - mean[image]) ** 2, axis=1), image) / count) + 1e-12
-    at = (xy - mean[image]) / spread[image, None]
+    scaled = (xy - mean[image]) / spread[image, None]
     point = np.column_stack([local[:, :2] if flat else local, np.ones(len(local))])
     none = np.zeros_like(point)
     rows = np.stack(
-        [np.hstack([point, none, -at[:, :1] * point]), np.hstack([none, point, -at[:, 1:] * point])], axis=1
+        [np.hstack([point, none, -scaled[:, :1] * point]), np.hstack([none, point, -scaled[:, 1:] * point])],
+        axis=1,
     )
     values, vectors = np.linalg.eigh(_sums(np.einsum("rki,rkj->rij", rows, rows), image))
     h = vectors[:, :, 0].reshape(len(count), 3, -1)
@@ -139,14 +140,14 @@ def as_good(
     The pose of a blurred image is poor where the board is seen frontally; its corners are not.
     """
     count = np.bincount(image)
-    misfit, own = (np.bincount(image, off(p, corner, xy, image)) / count for p in (other, poses))
-    return np.asarray(misfit < AS_GOOD**2 * np.maximum(own, np.median(own)))
+    misfit, reference = (np.bincount(image, off(p, corner, xy, image)) / count for p in (other, poses))
+    return np.asarray(misfit < AS_GOOD**2 * np.maximum(reference, np.median(reference)))
 
 
 def off(poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:
     """Squared distance (R,) of directions xy (R, 2) from those of corners (R, 3) at poses (I, 3, 4)."""
-    at = np.einsum("rij,rj->ri", poses[image, :, :3], corner) + poses[image, :, 3]
-    return np.sum((at[:, :2] / at[:, 2:] - xy) ** 2, axis=1)
+    points = np.einsum("rij,rj->ri", poses[image, :, :3], corner) + poses[image, :, 3]
+    return np.sum((points[:, :2] / points[:, 2:] - xy) ** 2, axis=1)
 
 
 def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -176,21 +177,21 @@ def refined(poses: np.ndarray, local: np.ndarray, xy: np.ndarray, image: np.ndar
     for _ in range(PASSES):
         turned = point @ np.swapaxes(now[..., :3], 1, 2)
         near = 1.0 / np.maximum(turned[..., 2:] + now[:, None, 2:, 3], 1e-3)
-        at = (turned[..., :2] + now[:, None, :2, 3]) * near
+        projected = (turned[..., :2] + now[:, None, :2, 3]) * near
         x, y, z = np.moveaxis(turned, -1, 0)
         by[..., 0, 0] = by[..., 1, 1] = near[..., 0]
-        by[..., 2] = -at * near
+        by[..., 2] = -projected * near
         by[..., 3] = y[..., None] * by[..., 2] - z[..., None] * by[..., 1]
         by[..., 4] = z[..., None] * by[..., 0] - x[..., None] * by[..., 2]
         by[..., 5] = x[..., None] * by[..., 1] - y[..., None] * by[..., 0]
-        by[..., 6] = at - seen
+        by[..., 6] = projected - seen
         size = np.hypot(by[..., 0, 6], by[..., 1, 6]).ravel()[place]
         weight.ravel()[place] = 1.0 / (1.0 + (size / (3.0 * float(np.median(size)) + 1e-12)) ** 2)
         rows = by.reshape(len(now), -1, 7)
         normal = np.swapaxes((by[..., :6] * weight[..., None, None]).reshape(len(now), -1, 6), 1, 2) @ rows
-        own = normal[..., :6]
-        own += 1e-12 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-        step = np.linalg.solve(own, normal[..., 6:])[..., 0]
+        information = normal[..., :6]
+        information += 1e-12 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        step = np.linalg.solve(information, normal[..., 6:])[..., 0]
         now[..., 3] -= step[:, :3]
         now[..., :3] = _turned(-step[:, 3:]) @ now[..., :3]
     out = poses.copy()
@@ -247,8 +248,8 @@ class HandEye:
 
     def predicted(self, flange: np.ndarray, inverted: bool) -> np.ndarray:
         """Poses (I, 3, 4) of what is carried in the frame of what is fixed, at poses of the flange."""
-        own = product(inverse(self.fixed), product(flange, self.on_flange))
-        return inverse(own) if inverted else own
+        pose = product(inverse(self.fixed), product(flange, self.on_flange))
+        return inverse(pose) if inverted else pose
 
 
 def half_turns(flange: np.ndarray, seen: np.ndarray) -> np.ndarray:

@@ -199,7 +199,7 @@ def solutions(arm: NominalArm, poses: np.ndarray, starts: np.ndarray | None = No
         task = to_poses(arm, np.repeat(goals, count, axis=0))
         angles, converged = descend(task, each.reshape(-1, n), low, high)
         by_pose = zip(angles.reshape(each.shape), converged.reshape(-1, count), strict=True)
-        out += [_distinct(_within_a_turn(found[good], turns), turns) for found, good in by_pose]
+        out += [_distinct(_within_a_turn(of_pose[good], turns), turns) for of_pose, good in by_pose]
     return out
 
 

@@ -81,7 +81,7 @@ class Terms:
         sites, parameters, index = np.array(table, np.int64).reshape(-1, 3).T
         return cls(sites, parameters, index, tuple(drivers))
 
-    def at(self, rows: np.ndarray) -> Terms:
+    def at_rows(self, rows: np.ndarray) -> Terms:
         """The terms in some of the rows."""
         drivers = (d if np.ndim(d) == 0 else np.asarray(d)[rows] for d in self.drivers)
         return replace(self, drivers=tuple(drivers))
@@ -166,7 +166,7 @@ class Motion:
         """Drivers of all terms, (drivers, C)."""
         return self._drivers[:, : self.count]
 
-    def at(self, rows: np.ndarray) -> Motion:
+    def at_rows(self, rows: np.ndarray) -> Motion:
         """The same motion of some of its rows."""
         terms = [(k, Term(t.frame, t.axis, np.asarray(t.driver)[rows])) for k, t in self.terms]
         return Motion(self.chain, self.q[rows], self.tool[rows], terms, self.size)

@@ -25,7 +25,7 @@ class Stance:
     delta: np.ndarray
     yields: np.ndarray
 
-    def at(self, rows: np.ndarray) -> Stance:
+    def at_rows(self, rows: np.ndarray) -> Stance:
         """The stances of some rows."""
         return Stance(self.delta[rows], self.yields[rows])
 
@@ -167,7 +167,7 @@ def gravity_loads(
         parts = []
         for start in range(0, len(q), AT_ONCE):
             rows = np.arange(start, min(start + AT_ONCE, len(q)))
-            there = None if stance is None else stance.at(rows)
+            there = None if stance is None else stance.at_rows(rows)
             part = gravity_loads(robot, chain, q[rows], gravity, load_mass[rows], load_centre[rows], there)
             parts.append((part.moments, part.weights))
         return Loads(*map(np.concatenate, zip(*parts, strict=True)))

@@ -320,7 +320,7 @@ def posed_rows(model: Model, values: np.ndarray, poses: Circumstance) -> tuple[M
     m = scene.dataset.measurements
     longer = appended(m, poses.source, poses.columns, [f"pose {k}" for k in rows])
     before = np.concatenate([np.arange(count), poses.source])
-    stance = None if scene.stance is None else scene.stance.at(before)
+    stance = None if scene.stance is None else scene.stance.at_rows(before)
     posed = replace(scene, dataset=replace(scene.dataset, measurements=longer), stance=stance)
     return settled_model(model, posed, values, partial(poses.driven, m)), rows
 

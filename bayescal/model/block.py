@@ -244,7 +244,7 @@ class Posed(Oriented):
             self,
             rows=self.rows[first],
             kind=replace(self.kind, image=image),  # type: ignore[type-var]
-            motion=motion.at(first),
+            motion=motion.at_rows(first),
             frame=self.frame[first],
             turn=self.turn[..., first],
         )

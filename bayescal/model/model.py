@@ -176,7 +176,7 @@ class Model:
     def motion(self, rows: np.ndarray) -> Motion:
         """Motion of any rows of the session under this model's parameters."""
         q, tools = self.scene.q[rows], self.scene.tools[rows]
-        return Motion(self.scene.chain, q, tools, self.terms.at(rows), len(self.parameters))
+        return Motion(self.scene.chain, q, tools, self.terms.at_rows(rows), len(self.parameters))
 
     def block(self, target: int, rows: np.ndarray) -> Block:
         """Any rows of one target under this model's parameters."""

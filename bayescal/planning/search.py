@@ -95,7 +95,7 @@ def sites_on(setup: Setup, target: int, hand: Hand, tool: int, count: int, rng: 
     axes = cone(np.tile([0.0, 0.0, 1.0], (count, 1)), np.pi, rng)
     touched = np.isfinite(normals[:, :1])
     axes = np.where(touched, cone(np.where(touched, -normals, axes), setup.cone, rng), axes)
-    return Sites.at(points, normals, axes)
+    return Sites.of(points, normals, axes)
 
 
 def _aimed(entry: Target, planned: Probing, region: Region, count: int, rng: np.random.Generator) -> Sites:

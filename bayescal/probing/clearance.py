@@ -147,17 +147,17 @@ class Clearance:
         length = np.linalg.norm(seen - eye[:, None], axis=2, keepdims=True)
         share = np.linspace(0.0, 1.0, ALONG)[:, None, None, None]
         share = np.clip(share, NEAR_EYE / length, 1.0 - NEAR_EYE / length)
-        at = (eye[:, None] + share * (seen - eye[:, None])).transpose(1, 0, 2, 3)
-        at = at.reshape(len(readings), -1, 3)
+        points = (eye[:, None] + share * (seen - eye[:, None])).transpose(1, 0, 2, 3)
+        points = points.reshape(len(readings), -1, 3)
         out = np.zeros(len(readings), bool)
         for solid in self.solids:
             for shape in solid.shapes:
-                out |= np.any(signed_distances(shape, at) < 0.0, axis=1)
+                out |= np.any(signed_distances(shape, points) < 0.0, axis=1)
         frames = self.arm.frames(readings)
         for capsule in self.capsules:
             if capsule.frame <= self.arm.robot.n:
                 turn, shift = frames[:, capsule.frame, :3, :3], frames[:, capsule.frame, :3, 3]
-                out |= np.any(signed_distances(capsule, (at - shift[:, None]) @ turn) < 0.0, axis=1)
+                out |= np.any(signed_distances(capsule, (points - shift[:, None]) @ turn) < 0.0, axis=1)
         return out
 
     def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:

@@ -89,7 +89,7 @@ class Sites(Rows):
     fault: np.ndarray
 
     @classmethod
-    def at(cls, points: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> Sites:
+    def of(cls, points: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> Sites:
         """Places with free orientation about the axes."""
         turns, fault = np.full((len(points), 3, 3), np.nan), np.full(len(points), "", object)
         return cls(points, normals, axes, turns, fault)

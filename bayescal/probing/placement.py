@@ -78,7 +78,7 @@ def touching(
     tries, passes = (STARTS, PASSES) if starts is None else (1, LOCAL)
     index = np.repeat(np.arange(len(points)), tries)
     begin = arm.anywhere(len(index), rng) if starts is None else starts
-    sites = Sites.at(points[index], normals[index], cone(-normals[index], tilt, rng))
+    sites = Sites.of(points[index], normals[index], cone(-normals[index], tilt, rng))
     contacts = reach(arm, Moving(arm, clearance), tilt, sites, touched[index], begin, rng, passes, index)
     return index[contacts.good], contacts[contacts.good]
 

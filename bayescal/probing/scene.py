@@ -186,8 +186,8 @@ def scene_of(
     solids += [board for board in boards if not _lies(board.shapes[0], up)]  # what carries it is unknown
     if regions is not None:
         moved = set(label.values())  # a single placement is there all the time
-        own = own_solids(dataset)
-        solids += [replace(s, placement=s.placement if s.placement in moved else "") for s in own]
+        stated = own_solids(dataset)
+        solids += [replace(s, placement=s.placement if s.placement in moved else "") for s in stated]
     return Scene(tuple(solids), of)
 
 

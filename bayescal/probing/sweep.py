@@ -64,18 +64,18 @@ def point(kind, row, planes, x, y, z):
 
 
 @_jit
-def _points(kind, row, planes, at):
-    """Signed distances (N,), m, of points `at` (N, 3) from a shape."""
-    out = np.empty(len(at))
-    for k in range(len(at)):
-        out[k] = point(kind, row, planes, at[k, 0], at[k, 1], at[k, 2])
+def _points(kind, row, planes, points):
+    """Signed distances (N,), m, of points (N, 3) from a shape."""
+    out = np.empty(len(points))
+    for k in range(len(points)):
+        out[k] = point(kind, row, planes, points[k, 0], points[k, 1], points[k, 2])
     return out
 
 
 def signed_distances(shape: Shape, points: np.ndarray) -> np.ndarray:
     """Distances (...), m, of points (..., 3) from a shape, in its frame; of a hull, or less."""
-    at = np.ascontiguousarray(points, float).reshape(-1, 3)
-    return np.asarray(_points(shape.kind, *shape.numbers, at).reshape(points.shape[:-1]))
+    flat = np.ascontiguousarray(points, float).reshape(-1, 3)
+    return np.asarray(_points(shape.kind, *shape.numbers, flat).reshape(points.shape[:-1]))
 
 
 @_jit

@@ -111,7 +111,7 @@ def _at(target: Target, model: Model, z: Mapping[str, np.ndarray]) -> Target:
         return target
     block = model.block_of[target.name]
     assert isinstance(block.kind, Plane)
-    normal, offset = block.kind.at(block.state(z[target.name]))
+    normal, offset = block.kind.normal_and_offset(block.state(z[target.name]))
     return replace(target, values={"normal": normal, "offset": float(offset)})
 
 

@@ -72,7 +72,7 @@ def test_kernel_wrenches_and_differences_agree(kinds, convention):
     slopes = (motion.points(values + step) - motion.points(values - step)) / (2 * STEP)
     np.testing.assert_allclose(columns, np.sum(slopes * u, axis=1), atol=1e-8)
     some = np.arange(0, count, 7)
-    np.testing.assert_allclose(motion.at(some).points(values), p[:, some], atol=1e-14)
+    np.testing.assert_allclose(motion.at_rows(some).points(values), p[:, some], atol=1e-14)
     delta[:, -1] = 0.0  # a turn of the tool about itself moves no point of the flange
     turned, moved = motion.turns(values), frames(chain, q, delta)[:, -1, :3, :3]
     np.testing.assert_allclose(np.moveaxis(turned, -1, 0), moved, atol=1e-13)

@@ -112,7 +112,7 @@ def test_planes_keep_their_own_poses():
         for t in one.world.targets:
             block = model.block_of[f"{one.dataset.name}:{t.name}"]
             at = model.slices[block.target]
-            normal, offset = block.kind.at(block.state(together.z[at]))
+            normal, offset = block.kind.normal_and_offset(block.state(together.z[at]))
             points = model.scene.points[block.rows]
             found, true = points @ normal - offset, points @ t.values["normal"] - t.values["offset"]
             moved.append(t.values["normal"] @ MIDDLE - t.values["offset"])

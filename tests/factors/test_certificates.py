@@ -200,7 +200,7 @@ def turn_by(part: int, plane: Plane, tangent: int) -> Callable:
 
     def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
         x = holds[part]
-        normal, _ = plane.at(x)
+        normal, _ = plane.normal_and_offset(x)
         towards = tangents(plane.normal)[tangent]
         towards = towards - normal * (normal @ towards)
         new = normal + U_ANGLE * towards / np.linalg.norm(towards)
@@ -252,7 +252,7 @@ MOVES = {
 
 def lean_towards(a: Plane, b: Plane, xa: np.ndarray, xb: np.ndarray) -> np.ndarray:
     """The state of b turned by U_ANGLE towards a."""
-    new = b.at(xb)[0] + U_ANGLE * a.at(xa)[0]
+    new = b.normal_and_offset(xb)[0] + U_ANGLE * a.normal_and_offset(xa)[0]
     return np.append(leaning(b, new / np.linalg.norm(new), 0.0)[:2], xb[2])
 
 

@@ -329,7 +329,7 @@ def _stands(scene: Scene, interventions: Sequence[Intervention]) -> Stance | Non
     """Stances in the rows of a session and of all interventions."""
     if scene.stance is None:
         return None
-    return scene.stance.at(np.concatenate([np.arange(len(scene.q)), *(v.source for v in interventions)]))
+    return scene.stance.at_rows(np.concatenate([np.arange(len(scene.q)), *(v.source for v in interventions)]))
 
 
 def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter]:
