@@ -75,9 +75,9 @@ def __getattr__(name: str) -> object:
         return import_module(_MODULES[name])
     if name not in _FROM:
         raise AttributeError(f"module 'bayescal' has no attribute '{name}'")
-    found = getattr(import_module(_FROM[name]), name)
-    globals()[name] = found
-    return found
+    value = getattr(import_module(_FROM[name]), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -71,8 +71,8 @@ def _escape(character: str) -> str:
 def _part(text: str, longest: int = LONGEST_PART) -> str:
     """One part of a message: quoted texts and words within `LONGEST`, the whole within `longest`."""
     line = " ".join(_ends(text, longest).split())
-    line = QUOTED.sub(lambda found: found[1] + shown(found[2]) + found[1], line)
-    return shown(UNBROKEN.sub(lambda found: shown(found[0], LONGEST_PATH), line), longest)
+    line = QUOTED.sub(lambda match: match[1] + shown(match[2]) + match[1], line)
+    return shown(UNBROKEN.sub(lambda match: shown(match[0], LONGEST_PATH), line), longest)
 
 
 class BayescalError(Exception):

@@ -88,7 +88,7 @@ def command(
     def registered(function: Callable[..., None]) -> Callable[..., None]:
         summary, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
         hints = get_type_hints(function)
-        own = {
+        declared = {
             p.name: p.replace(kind=p.KEYWORD_ONLY, annotation=hints[p.name])
             for p in inspect.signature(function).parameters.values()
             if p.kind is not p.VAR_KEYWORD
@@ -100,11 +100,13 @@ def command(
             for key in names.split(", "):
                 if other:
                     first = _options[other[1]][key]
-                    described[key] = _option(own.get(key, first), first.default.help)
+                    described[key] = _option(declared.get(key, first), first.default.help)
                 else:
-                    described[key] = _option(own.get(key) or _of_public(public[key]), " ".join(text.split()))
+                    described[key] = _option(
+                        declared.get(key) or _of_public(public[key]), " ".join(text.split())
+                    )
         _options[function.__name__] = described
-        others = [_option(p) for key, p in own.items() if key not in described]
+        others = [_option(p) for key, p in declared.items() if key not in described]
         signature = inspect.Signature([*others, *described.values()])
         function.__signature__ = signature  # type: ignore[attr-defined]
         function.__annotations__ = {key: p.annotation for key, p in signature.parameters.items()}

@@ -149,8 +149,10 @@ def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[
     *imaginary, real = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
     q = np.array([real, *imaginary])
     q = q if q @ np.array(old[3:7]) >= 0 else -q  # both are the same rotation
-    own, stated = np.floor(readings / (np.pi / 2)), zip(AXES, old[7:10], strict=True)
-    quarters = [texts.Number(float(own[axis] if axis < len(own) else cf), 0) for axis, cf in stated]
+    quadrants, stated = np.floor(readings / (np.pi / 2)), zip(AXES, old[7:10], strict=True)
+    quarters = [
+        texts.Number(float(quadrants[axis] if axis < len(quadrants) else cf), 0) for axis, cf in stated
+    ]
     return [*texts.lengths_of(pose), *(texts.Number(x, QUATERNION) for x in q.tolist()), *quarters]
 
 

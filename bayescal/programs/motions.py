@@ -102,11 +102,11 @@ def guarded(plan: Plan, beyond: float) -> Guarded:
         if not len(rows):
             continue
         line = _Line.of(nominal_arm(plan.session.robot, tool), plan.approach[rows], m.readings[rows])
-        begin[rows], reached = line.at(np.maximum(1 - AHEAD / line.length, 0.0), np.arange(len(rows)))
+        begin[rows], reached = line.at_share(np.maximum(1 - AHEAD / line.length, 0.0), np.arange(len(rows)))
         begin[rows[~reached]] = plan.approach[rows[~reached]]
         open_ = np.arange(len(rows))
         for share in SHARES:
-            readings, reached = line.at(1 + share * beyond / line.length[open_], open_)
+            readings, reached = line.at_share(1 + share * beyond / line.length[open_], open_)
             good = rows[open_[reached]]
             end[good], far[good] = readings[reached], share * beyond
             open_ = open_[~reached]
@@ -138,7 +138,7 @@ class _Line:
         """m, (M,)."""
         return length(self.way)
 
-    def at(self, share: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at_share(self, share: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Readings (K, n), rad, of motions `some` (K,) at shares (K,) of their ways, and which are found."""
         from scipy.spatial.transform import Rotation  # slow to import
 

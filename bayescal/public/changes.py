@@ -116,13 +116,13 @@ def changed(
     if at is not None and read:
         given = read_targets(Path(at), read[-1].robot)
         targets, unused = given.targets, given.kept
-    found = outcome.changed(
+    result = outcome.changed(
         read, names(model), remounted=remounted, robust=robust, targets=targets, progress=progress
     )
     if unused:
         said = f"{at}: `{'`, `'.join(unused)}` states nothing of a target and was not used"
-        found = replace(found, warnings=(*found.warnings, said))
-    return ChangedResult(found)
+        result = replace(result, warnings=(*result.warnings, said))
+    return ChangedResult(result)
 
 
 @dataclass(frozen=True, repr=False)

@@ -213,8 +213,8 @@ def fleet(
             say(f"{before} of {len(tasks)} sessions are kept from an earlier run in {folder}")
         done = dict.fromkeys(errors, "kept")
         count = min(workers or os.cpu_count() or 1, max(len(todo), 1))
-        with closing(results(computed, (tasks[name] for name in todo), count, dask)) as found:
-            for k, (index, result) in enumerate(found, start=1):
+        with closing(results(computed, (tasks[name] for name in todo), count, dask)) as finished:
+            for k, (index, result) in enumerate(finished, start=1):
                 error = result.words if isinstance(result, Lost) else result
                 errors[todo[index]], done[todo[index]] = error, "fitted"
                 if error:
@@ -239,8 +239,8 @@ def _named(sessions: Sequence[str | PathLike[str]]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     alike = [p.resolve().name for p in paths]
     for path in paths:
-        own = path.resolve()
-        name = own.name if alike.count(own.name) == 1 else f"{own.parent.name}-{own.name}"
+        resolved = path.resolve()
+        name = resolved.name if alike.count(resolved.name) == 1 else f"{resolved.parent.name}-{resolved.name}"
         if name in out:
             raise BayescalError(f"two sessions are called {name}", str(path), "rename one of the folders")
         out[name] = path
@@ -265,8 +265,8 @@ def _arms(arm: str, sessions: Sequence[str]) -> Callable[[Json], str | None]:
         except re.error as error:
             what = f"no regular expression: {error}"
             raise BayescalError(what, "--arm", "for example 'arm-(\\d+)'") from None
-        matches = {name: found for name in sessions if (found := pattern.search(name))}
-        by_name = {name: (pattern.groups and found[1]) or found[0] for name, found in matches.items()}
+        matches = {name: match for name in sessions if (match := pattern.search(name))}
+        by_name = {name: (pattern.groups and match[1]) or match[0] for name, match in matches.items()}
         lacks, where = f"`{arm}` is not in the name of", "--arm"
         remedy = "give a regular expression that all names contain"
     if lacking := [name for name in sessions if not by_name.get(name)]:
@@ -280,7 +280,7 @@ def _check(folder: Path) -> None:
         return
     inside = _visible(folder)
     if any(p.name != BELOW for p in inside) or any(
-        _visible(p) and not _is_own(p / STATE, STATE_SCHEMA) for own in inside for p in _visible(own)
+        _visible(p) and not _is_own(p / STATE, STATE_SCHEMA) for entry in inside for p in _visible(entry)
     ):
         what = "the folder contains files that are not of a fleet"
         raise BayescalError(what, str(folder), "give another --out")
@@ -314,15 +314,15 @@ def _entries(
         state = task.state()
         failed = {k: v for k, v in ((state["failed"] or {}).get("inputs") or {}).items() if k != "version"}
         # of a session that failed, what is of the same inputs
-        own = [c for c, inputs in state["done"].items() if not error or inputs == failed]
-        if "fit" in own:
+        commands = [c for c, inputs in state["done"].items() if not error or inputs == failed]
+        if "fit" in commands:
             entry = with_fit(entry, task.folder / "fit")
             entry["arm"] = arm_of(entry)
             first = seen.setdefault(entry["sha256"], name)
             if first != name:
                 what = f"the same measurements as session {first}: not counted"
                 entry = {**entry, "status": "failed", "error": what, "arm": None}
-        if "gap" in own:
+        if "gap" in commands:
             entry = with_gap(entry, task.folder / "gap")
         out.append(entry)
     dated = all(e["date"] for e in out if e["arm"])

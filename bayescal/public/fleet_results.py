@@ -26,9 +26,13 @@ CSV = "fleet.csv"
 
 def robot_text(model: Model, robot: Robot) -> str:
     """The text of a robot file with the prior that was learnt from the arms of a model."""
-    known = [p for p in priors(model) if p.parameter.unit in PRIOR_UNITS.values()]
-    learnt = tuple(Prior(p.parameter.name, p.parameter.unit, p.mean, p.sd) for p in known)
-    others = tuple(p for p in robot.priors if p.name not in {own.name for own in learnt})
+    learnt = tuple(
+        Prior(p.parameter.name, p.parameter.unit, p.mean, p.sd)
+        for p in priors(model)
+        if p.parameter.unit in PRIOR_UNITS.values()
+    )
+    names = {p.name for p in learnt}
+    others = tuple(p for p in robot.priors if p.name not in names)
     comment = (
         f"{robot.name} with the priors learnt from {len(model.arms)} arms by bayescal fleet.\n"
         "For a further arm of this model: it is nominal, not calibrated."

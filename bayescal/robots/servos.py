@@ -85,9 +85,9 @@ def of_joints(servos: Iterable[Servo], joints: Sequence[str], file: str) -> tupl
         If names differ, and there are not as many servos as joints.
     """
     servos = tuple(servos)
-    known = {servo.name: servo for servo in servos}
-    if set(joints) <= set(known):
-        return tuple(known[name] for name in joints)
+    by_name = {servo.name: servo for servo in servos}
+    if set(joints) <= set(by_name):
+        return tuple(by_name[name] for name in joints)
     arm = sorted((s for s in servos if not GRIPPER.search(s.name)), key=lambda servo: servo.id)
     if len(arm) != len(joints):
         what = f"its joints are {listed([s.name for s in servos])}, those of the robot {listed(joints)}"

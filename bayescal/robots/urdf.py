@@ -206,13 +206,13 @@ def _joined(tree: Tree, chain: list[Joint]) -> tuple[Tree, dict[str, float]]:
 
     A joint that follows in any other way is left as it is.
     """
-    at = {joint.name: k for k, joint in enumerate(chain)}
+    index = {joint.name: k for k, joint in enumerate(chain)}
     joints, ratio = dict(tree.joints), dict[str, float]()
     for k, joint in enumerate(chain):
-        if joint.mimic is None or joint.mimic[0] not in at:
+        if joint.mimic is None or joint.mimic[0] not in index:
             continue
-        leader = chain[at[joint.mimic[0]]]
-        low, high = sorted((k, at[leader.name]))
+        leader = chain[index[joint.mimic[0]]]
+        low, high = sorted((k, index[leader.name]))
         between = chain[low + 1 : high]
         group = all(j.kind == "fixed" or (j.mimic and j.mimic[0] == leader.name) for j in between)
         turn = np.eye(3)
