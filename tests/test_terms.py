@@ -57,3 +57,37 @@ def test_terms():
         for m in PATTERN.finditer(text)
     ]
     assert not found, "\n".join(found)
+
+
+VAGUE = {"own", "found", "at", "known", "rest", "left", "told"}
+"""Names that say nothing of a value; a method is read with its object: `arm.at(...)`."""
+ALLOWED = {
+    ("bayescal/reporting/page/svg.py", "left"),  # a side
+    ("bayescal/public/changes.py", "at"),  # the option `--at`
+    ("bayescal/cli/evaluation.py", "at"),
+}
+
+
+def bound(path: Path) -> Iterator[tuple[int, str]]:
+    """Line number and name of every variable, parameter and field of a file, and of its functions."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    methods = {f for c in ast.walk(tree) if isinstance(c, ast.ClassDef) for f in c.body}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.FunctionDef) and node not in methods:
+            yield node.lineno, node.name
+
+
+def test_names_of_values_say_what_they_hold():
+    sources = [p for name in ("bayescal", "factors") for p in sorted((ROOT / name).rglob("*.py"))]
+    vague = [
+        f"{file}:{k}: {name}"
+        for p in sources
+        for file in [p.relative_to(ROOT).as_posix()]
+        for k, name in bound(p)
+        if name in VAGUE and (file, name) not in ALLOWED
+    ]
+    assert not vague, "\n".join(vague)

@@ -22,8 +22,8 @@ from bayescal.dataset.write import appended
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Session, parameters_of
 from bayescal.effects.common import within
 from bayescal.effects.location import ARM as WHOLE
-from bayescal.effects.location import BASE, NUMBERED, TOOL, Site, face, joint
-from bayescal.effects.vocabulary import PLACEMENT, Effect
+from bayescal.effects.location import BASE, NUMBERED, PLACEMENT, TOOL, Site, face, joint
+from bayescal.effects.vocabulary import Effect
 from bayescal.errors import FAILURES, BayescalError
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.estimate import settled

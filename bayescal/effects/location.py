@@ -74,6 +74,8 @@ class Site:
 
 
 BASE, TOOL, PROBE, ARM, ARTEFACT, CAMERA, BOARD = (Site(kind) for kind in PLAIN)
+PLACEMENT = "placement"
+"""Effect of a parameter that places targets: a displacement of the base in form, by which no arm moves."""
 
 
 def joint(number: int) -> Site:

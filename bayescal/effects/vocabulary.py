@@ -177,10 +177,6 @@ class Where(TypedDict):
     driver: Driver
 
 
-PLACEMENT = "placement"
-"""Effect of a parameter that places targets: a displacement of the base in form, by which no arm moves."""
-
-
 @dataclass(frozen=True)
 class Parameter:
     """One unknown number: value = mean + sd z, with z ~ N(0, 1) a priori.

@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.arm.chain import link_angles
 from bayescal.arm.statics import Stance
 from bayescal.effects import Parameter, compliances, parameters_of
-from bayescal.effects.vocabulary import PLACEMENT
+from bayescal.effects.location import PLACEMENT
 from bayescal.errors import BayescalError
 from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene

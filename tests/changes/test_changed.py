@@ -16,8 +16,7 @@ from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
 from bayescal.effects import Parameter
-from bayescal.effects.location import BASE
-from bayescal.effects.vocabulary import PLACEMENT
+from bayescal.effects.location import BASE, PLACEMENT
 from bayescal.errors import BayescalError
 from bayescal.model import standing, with_parameters
 from bayescal.model.scene import Scene
