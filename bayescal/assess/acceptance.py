@@ -308,7 +308,8 @@ def _chi_square(
 def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Residuals (C,) and their draws (S, C) by kind of validation measurement, without outliers.
 
-    `rejected` is the share of outliers among the fitted measurements; None: no row is an outlier.
+    `rejected` is the share of outliers among the fitted measurements; None: no row is an outlier. Nor is any
+    where most of a kind would be: a majority has no outliers.
     """
     kinds: dict[str, tuple[RowCheck, ...]] = {
         "contacts": checked.planes, "points": checked.points, "orientations": checked.turns
@@ -321,7 +322,8 @@ def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np
         predicted = np.concatenate([d.reshape(len(d), *one.shape) for one, d in kept], axis=2)
         tail = chi2_sf(np.sum((r / np.std(predicted, axis=0)) ** 2, axis=0), len(r))
         out = tail < FALSE_REJECTIONS / len(tail)
-        if rejected is None or poisson_sf(np.sum(out) - 1, rejected * len(out) + 1.0) < MORE_OUTLIERS:
+        chance = 0.0 if rejected is None else poisson_sf(np.sum(out) - 1, rejected * len(out) + 1.0)
+        if chance < MORE_OUTLIERS or np.mean(out) > 0.5:
             out = np.zeros_like(out)
         yield test, r[:, ~out].ravel(), predicted[:, :, ~out].reshape(len(predicted), -1)
 

@@ -285,6 +285,16 @@ def test_a_noise_above_the_stated_and_a_target_outside_are_doubts():
     assert target.words.startswith("contacts on face 9 of validation measurements: RMS error 19.0 µm")
 
 
+def test_most_of_a_target_are_no_outliers():
+    """A socket of two contacts, both far outside: none is left if they count as outliers."""
+    few = replace(SOUND, repeats=None, repeats_dof=0)
+    even = checked_targets(*[0.7] * 9)
+    of_two = RowCheck("socket", np.array([1e-4, -1e-4]), even.planes[0].predicted[:, :2])
+    with np.errstate(all="raise"):
+        found = acceptance(few, replace(even, planes=(*even.planes, of_two)))
+    assert [d.words.partition(" of ")[0] for d in found.doubts] == ["contacts on socket"]
+
+
 def test_residuals_that_vary_with_a_quantity_are_a_doubt_and_noise_is_none(clean):
     (found,) = discrepancy(SimpleNamespace(chance={"time of the tool": 4e-4, "torque of joints": 1e-9}))
     assert (found.passed, found.p_value) == (False, 1e-9)
