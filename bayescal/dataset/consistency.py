@@ -21,7 +21,15 @@ from bayescal.arm.chain import chain_of, frames, link_angles, points
 from bayescal.arm.statics import gravity_loads, torques_on_links
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import target_kinds
-from bayescal.dataset.contacts import Contacts, load_centre, load_mass, nominal_length, residual, scatter
+from bayescal.dataset.contacts import (  # fmt: skip
+    Contacts,
+    load_centre,
+    load_mass,
+    nominal_length,
+    residual,
+    scatter,
+    settled,
+)
 from bayescal.dataset.table import Table, joint_columns
 from bayescal.dataset.target_kinds import KINDS, LOOSE
 from bayescal.dataset.types import Dataset, Target
@@ -31,6 +39,10 @@ from bayescal.storage.files import Document
 
 OFF = 0.05
 """m: a contact this far from where the others of its target put the surface is impossible."""
+
+EXPLAINED, COORDINATES = 0.7, 3
+"""Share of every error from which on another target explains contacts that are off theirs, and the number of
+their coordinates that it must explain (assumed)."""
 
 FEWEST = 4
 """Rows of an instrument from which a rigid fit, or their turns from row to row, can judge any of them."""
@@ -46,6 +58,25 @@ def contacts(dataset: Dataset, target: int, p: np.ndarray, part: np.ndarray) -> 
     """Some rows (M,) of one target, with ball centres p (N, 3), m, of all rows."""
     seen = target_kinds.seen(dataset, target, part, p[part].mean(axis=0))
     return Contacts(dataset.targets[target], p[part], seen)
+
+
+def of_another(dataset: Dataset, p: np.ndarray, part: np.ndarray, off: np.ndarray) -> tuple[str, bool, str]:
+    """Whether rows (M,) of a target, all off by `off` (M,), m, are those of another of its kind.
+
+    As `image_changes.impossible`. They and its own rows place it; it explains them if that takes away
+    `EXPLAINED` of every error, of at least `COORDINATES`: one contact may be near another face by chance.
+    """
+    target, best, name = int(dataset.measurements.target[part[0]]), 1.0 - EXPLAINED, ""
+    kind = dataset.targets[target].kind
+    tried = KINDS[kind].placed and residual(contacts(dataset, target, p, part))[0].size >= COORDINATES
+    for other, candidate in enumerate(dataset.targets if tried else ()):
+        its_rows = np.flatnonzero(dataset.measurements.target == other)
+        if other != target and candidate.kind == kind and len(its_rows):
+            every = settled(contacts(dataset, other, p, np.concatenate([its_rows, part])))
+            if (ratio := float(np.max(every[len(its_rows) :] / off))) < best:
+                best, name = ratio, candidate.name
+    remedy = f"they agree with the contacts on `{name}`: correct their target, or leave them out"
+    return "", bool(name), remedy if name else ""
 
 
 def seen(dataset: Dataset, target: int, p: np.ndarray, part: np.ndarray, readings: np.ndarray) -> np.ndarray:

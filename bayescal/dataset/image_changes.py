@@ -245,10 +245,10 @@ def _changes(dataset: Dataset, target: int, pixel: np.ndarray) -> Iterator[tuple
         yield what, "give its corners in pixels of the size of the others", pixel * [factor, factor, 1.0]
 
 
-def impossible(dataset: Dataset, row: int) -> tuple[str, bool, str]:
-    """Of an image that is far off: its name and what explains it, whether something does, and what to do."""
-    target = int(dataset.measurements.target[row])
-    image_rows = image_of(dataset, target, row)
+def impossible(dataset: Dataset, rows: np.ndarray, off: np.ndarray) -> tuple[str, bool, str]:
+    """Of the first of images that are off: its name and what explains it, whether anything does, a remedy."""
+    target = int(dataset.measurements.target[rows[0]])
+    image_rows = image_of(dataset, target, int(rows[0]))
     what, remedy = explained(dataset, target, image_rows)
     said = f" (image {name_of(dataset, image_rows)}, {len(image_rows)} rows{f': {what}' if what else ''})"
     check = "check the joint readings, the order of the corners and the size of this image, and the "

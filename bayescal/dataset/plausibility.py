@@ -17,7 +17,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import consistency, image_changes
-from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal
+from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal, of_another
 from bayescal.dataset.contacts import Contacts, residual, settled
 from bayescal.dataset.table import Table
 from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
@@ -234,7 +234,6 @@ BEYOND = np.deg2rad(10)
 
 MANY = 0.3
 """Share of rows beyond a limit from which on the readings as a whole are wrong."""
-
 LINES, IMAGES_NAMED = 20, 3
 """Lines, or images, of impossible rows that are listed, beside the first."""
 SYSTEMATIC = 0.1
@@ -283,8 +282,9 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
                 yield misplaced
                 continue
             off = settled(mine)
-        of_image = partial(image_changes.impossible, dataset) if KINDS[target.kind].posed else None
-        wrong_row = _impossible(target, off, limit[part], part, table, document, of_image)
+        of_image, of_row = partial(image_changes.impossible, dataset), partial(of_another, dataset, p)
+        explain = of_image if KINDS[target.kind].posed else of_row
+        wrong_row = _impossible(target, off, limit[part], part, table, document, explain)
         if wrong_row is not None:
             yield wrong_row
     for wrong in consistency.contradictions(dataset):
@@ -362,9 +362,12 @@ def _impossible(
     part: np.ndarray,
     table: Table,
     document: Document,
-    of_image: Callable[[int], tuple[str, bool, str]] | None = None,
+    explain: Callable[[np.ndarray, np.ndarray], tuple[str, bool, str]],
 ) -> BayescalError | None:
-    """A row that disagrees with most of its target's rows, or a target on which none agree."""
+    """A row that disagrees with most of its target's rows, or a target on which none agree.
+
+    `explain`: as `image_changes.impossible`, of the rows that disagree and how far, m, the largest first.
+    """
     bad = away > limit
     if not bad.any():
         return None
@@ -374,25 +377,24 @@ def _impossible(
         what = f"most {which}s of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
         remedy = IMAGES if seen else f"{REMEDY}, the target, the tool and the units"
         return BayescalError(what, document.where(("targets", target.name)), remedy)
-    row = int(np.argmax(away))
+    worst = np.flatnonzero(bad)[np.argsort(-away[bad], kind="stable")]
+    row = int(worst[0])
     others = {
         "image": "where the other images put the board of",
         "reading": "the point of the other readings on",
-        "contact": "the surface fitted to the other contacts on",
+        "contact": "the fit of the other contacts on",
     }[which]
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm from {others} `{target.name}`"
     others_off = part[bad & (away < away[row])]
     images = seen and "stop" in table.cells
-    names = list(
-        dict.fromkeys(map(str, np.asarray(table.cells["stop"] if images else table.line)[others_off]))
-    )
+    places = np.asarray(table.cells["stop"] if images else table.line)[others_off]
+    names = list(dict.fromkeys(map(str, places)))
     few = IMAGES_NAMED if images else LINES
     named = f"{'images' if images else 'lines'} {', '.join(names[:few])}" + ", ..." * (len(names) > few)
-    more = f"; {len(others_off)} more rows are too far off: {named}" if len(others_off) else ""
-    remedy, explained = "check target, tool and joint readings, or leave the row out", False
-    if of_image is not None:
-        said, explained, remedy = of_image(part[row])
-        what += said
+    count = f"{len(others_off)} more row{'s are' if len(others_off) > 1 else ' is'}"
+    more = f"; {count} too far off: {named}" if len(others_off) else ""
+    said, explained, advice = explain(part[worst], away[worst])
+    remedy = advice or "check target, tool and joint readings, or leave the row out"
     if bad.mean() > SYSTEMATIC and not explained:
         remedy = IMAGES if seen else f"{REMEDY}, target, tool and joint readings"
-    return table.error(part[row], what + more, remedy)
+    return table.error(part[row], what + said + more, remedy)

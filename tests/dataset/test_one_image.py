@@ -60,7 +60,7 @@ def test_an_image_that_is_numbered_from_the_other_end(session, tmp_path):
 
 def test_an_image_that_nothing_explains(session, tmp_path):
     spoilt = misread(session, 2, 0.5, slice(120, 144))
-    said, explained, remedy = impossible(spoilt, 120)
+    said, explained, remedy = impossible(spoilt, np.array([120]), np.array([0.1]))
     assert said == " (image `i5`, 24 rows)"
     assert not explained
     assert "calibration of the camera and its u" in remedy

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sessions import with_columns
+from sessions import TOOL, _some, with_columns
 from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import Target, plausibility, read_dataset
@@ -16,6 +16,11 @@ from bayescal.dataset.table import Table
 from bayescal.errors import BayescalError
 
 RNG = np.random.default_rng(7)
+
+
+def unexplained(rows, off):
+    """Of rows that are off: nothing explains them."""
+    return "", False, ""
 
 
 def scaled(factor: float, rows: slice = slice(None), columns: slice = slice(4, 10)) -> str:
@@ -78,6 +83,32 @@ def test_a_loose_plane_may_be_tilted_and_off(tmp_path):
     bad = TABLE.replace("0.983,29.728,-39.851,", "0.983,29.728,20,")
     with pytest.raises(BayescalError, match=r"measurements.csv:3: impossible contact"):
         read_dataset(write(tmp_path, settings, bad))
+
+
+@pytest.mark.parametrize(("socket", "moved"), [("socket.1", True), ("socket.0", False)])
+def test_contacts_of_another_target_are_told(tmp_path, socket, moved):
+    """Two of seven contacts on a socket were made in the one beside it, or in none of both."""
+    robot, rng = read_dataset(write(tmp_path)).robot, np.random.default_rng(3)
+    places = np.array([[500.0, -60, 20], [500, 60, 20]])
+    at = np.repeat([0, 1 if moved else 0, 1], [5, 2, 7])
+    off = np.zeros((14, 3))
+    off[5:7] = [0, 70, 120] if not moved else 0
+    goals = 1e-3 * (places[at] + off + rng.uniform(-2, 2, (14, 3)))
+    readings = [_some(robot, lambda count, goal=goal: np.tile(goal, (count, 1)), 1, rng)[0] for goal in goals]
+    named = [f"socket.{k}" for k in np.repeat([0, 1], 7)]
+    lines = ["id,target," + ",".join(f"j{k}_deg" for k in range(1, 7))]
+    degrees = np.degrees(readings)
+    lines += [f"c{k},{named[k]}," + ",".join(f"{x:.6f}" for x in degrees[k]) for k in range(14)]
+    x, y, z = 1e3 * TOOL.centre
+    targets = [f"  socket.{k}: {{kind: fixed-point, centre_mm: {p.tolist()}}}" for k, p in enumerate(places)]
+    settings = ["schema: bayescal-dataset/1", "name: sockets", "robot: fanuc-lrmate200ic",
+                "readings: encoder",
+                "gravity_mps2: [0, 0, -9.81]", f"tools: {{ball: {{centre_mm: [{x}, {y}, {z}]}}}}",
+                "noise: {contact_mm: 0.1}", "targets:", *targets]  # fmt: skip
+    with pytest.raises(BayescalError) as caught:
+        read_dataset(write(tmp_path, "\n".join(settings), "\n".join(lines)))
+    assert str(caught.value).count("; 1 more row is too far off: lines ") == 1
+    assert (f"they agree with the contacts on `{socket}`: correct their target" in str(caught.value)) == moved
 
 
 @pytest.mark.parametrize(
@@ -199,7 +230,7 @@ def test_images_that_are_too_far_off_are_named():
     rows = SimpleNamespace(name="log.csv", line=line)
     table = SimpleNamespace(line=line, cells={"stop": stops}, error=partial(Table.error, rows))
     problem = plausibility._impossible(
-        Target("cam", "camera", {}), away, np.full(60, 0.05), np.arange(60), table, None
+        Target("cam", "camera", {}), away, np.full(60, 0.05), np.arange(60), table, None, unexplained
     )
     assert "; 29 more rows are too far off: images img0, img1, img2; " in str(problem)
 
@@ -211,9 +242,11 @@ def test_all_rows_that_are_too_far_off_are_listed(count, words):
     target, line = Target("tracker", "instrument", {}), 4 + np.arange(60)
     rows = SimpleNamespace(name="log.csv", line=line)
     table = SimpleNamespace(line=line, error=partial(Table.error, rows))
-    problem = plausibility._impossible(target, away, np.full(60, 0.05), np.arange(60), table, None)
+    problem = plausibility._impossible(
+        target, away, np.full(60, 0.05), np.arange(60), table, None, unexplained
+    )
     assert str(problem).startswith("log.csv:4: impossible reading: 90 mm")
-    assert f"; {count} more rows are too far off: " in str(problem)
+    assert f"; {count} more row{'s are' if count > 1 else ' is'} too far off: " in str(problem)
     assert words in str(problem)
     assert ("leave the row out" in str(problem)) == (count < 6)
     assert ("the robot" in str(problem)) == (count >= 6)  # a wrong type of arm is off in many rows
