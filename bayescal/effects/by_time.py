@@ -319,8 +319,8 @@ STEP = Effect(
     phrase=("the base", "shifted suddenly"),
     remedy=(
         "Look at the log at the row of the event: a collision, a changed tool, a displaced stand, "
-        "an emergency stop. Fasten the base, the tool or the instrument, and measure again from "
-        "there."
+        "an emergency stop. Fasten the base, the artefact, the tool or the instrument, and measure "
+        "again from there."
     ),
     confusable_with=("thermal-drift",),
     side="mount",

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.cameras import FIXED
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.location import ARTEFACT, BASE, DEVIATION, Site, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
@@ -148,16 +149,20 @@ MOVES = frozenset({"event", "time", "temperature", "count"})
 
 
 def beside_base(dataset: Dataset, drivers: Sequence[str]) -> str:
-    """What is not distinguishable from the base, by kinds of drivers: an instrument, a camera or a board.
+    """What is not distinguishable from the base, by kinds of drivers: an instrument, a board, an artefact.
 
-    Of a single camera or board that is fixed, the base is distinguishable only by errors that follow the arm.
+    Of what is fixed (a camera, a board, all that the arm touches), the base is distinguishable only by errors
+    that follow the arm.
     """
     used = [dataset.targets[k] for k in _fitted_targets(dataset)]
+    moves = bool(drivers) and set(drivers) <= MOVES
+    if moves and not any(KINDS[t.kind].of_instrument for t in used):
+        return "artefact"
     if len(used) != 1:
         return ""
     if used[0].kind == "instrument":
         return "instrument"
-    if used[0].kind == "camera" and drivers and set(drivers) <= MOVES:
+    if used[0].kind == "camera" and moves:
         return "fixed camera" if used[0].texts.get("mount") == FIXED else "board"
     return ""
 
