@@ -198,8 +198,9 @@ def _fit(
         checks, doubts = ((*checks, check), doubts) if failed else (checks, (check, *doubts))
     by_data = not rests_on_priors(expected, excess_error)
     tests = replace(tests, checks=checks, doubts=doubts, determined=by_data)
+    sd = np.sqrt(np.diag(wide.limited))
     results = Assessed(
-        complete, excess_error, checked, expected, lacking, seen, faces, tests, options, rigid, widths
+        complete, excess_error, checked, expected, lacking, seen, faces, tests, options, rigid, widths, sd
     )
     limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):

@@ -137,6 +137,7 @@ class Assessed:
     options: FitOptions = USUAL
     rigid: Rigid = UNCHANGED
     widths: tuple[Width, ...] = ()
+    sd: np.ndarray | None = None  # (D,) stated, over that of the prior; default: the solver's
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -278,7 +279,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"{' (before widening)' if widening else ''} from nominal; check what is stated of them"
             f"{': is the calibration of the camera of images of this size and crop?' if lens else ''}",
         )  # fmt: skip
-    if factor := _one_factor(of.fitted, wider):
+    if factor := _one_factor(of.fitted, wider, of.fitted.sd if of.sd is None else of.sd):
         yield Finding(
             "one_scale", "warning",
             f"the lengths of the links are {factor:.4f} times nominal, all of them: check the robot file and "
@@ -298,12 +299,12 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding("not_in_robot_file", "note", words)
 
 
-def _one_factor(fitted: Estimate, wider: np.ndarray) -> float | None:
+def _one_factor(fitted: Estimate, wider: np.ndarray, sd: np.ndarray) -> float | None:
     """The one factor on nominal lengths of links that explains how far they are from nominal, or None.
 
-    `wider` (P,) are the factors on stated prior standard deviations.
+    `wider` (P,) are the factors on stated prior standard deviations, `sd` (D,) stated u over those.
     """
-    every = zip(fitted.model.parameters, fitted.z, fitted.sd, wider, strict=False)
+    every = zip(fitted.model.parameters, fitted.z, sd, wider, strict=False)
     lengths = [(z * by, p.nominal * by / p.sd) for p, z, u, by in every  # others than lengths are nominally 0
                if p.unit == "m" and p.nominal and u < DETERMINED]  # fmt: skip
     if len(lengths) < 2:

@@ -219,6 +219,17 @@ def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
     assert not_physical(found, found.covariance) == ()
 
 
+def test_a_factor_on_lengths_needs_lengths_that_are_determined(fits):
+    """By the stated uncertainty: the solver's alone is too small where the model lacks an effect."""
+    found = fits["scaled"]
+    last = found.final
+    parts = (last.estimate, last.unexplained, last.validation, found.forecast, found.undetermined,
+             found.directions, found.faces, found.acceptance)  # fmt: skip
+    stated = (last.estimate.sd, np.full_like(last.estimate.sd, 0.6))  # of those of the prior
+    told = [findings(Assessed(*parts, widths=found.widths, sd=sd)) for sd in stated]
+    assert ["one_scale" in {f.code for f in each} for each in told] == [True, False]
+
+
 @foreign.needs()
 def test_loose_tolerances_on_three_planes_are_seen_through():
     """MA1400: planes are met to a quarter of a millimetre; the tracker's distances say what that is worth."""
