@@ -125,6 +125,16 @@ def test_a_null_does_not_explain_what_is_told_as_an_error(session):
     assert words[1].startswith("But the fit leaves residuals of ")
 
 
+def test_a_named_verdict_says_what_its_arm_leaves(session):
+    """Names beside residuals of twice the stated noise: they are not all, or the noise is larger."""
+    gap = diagnosis(session, "named")
+    words = "But the arm of this diagnosis leaves residuals of "
+    noisy = replace(session, noise=replace(session.noise, contact=0.1 * session.noise.contact))
+    arms = [calibrated(Scene(each), ("geometry", "compliance")) for each in (session, noisy)]
+    told = [any(line.startswith(words) for line in headline(replace(gap, arm=arm))) for arm in arms]
+    assert told == [False, True]
+
+
 def test_only_a_significant_site_is_marked_and_stated(session):
     """No site is marked where no location is significant, whatever the verdict."""
     gap = diagnosis(session, "unknown")

@@ -243,9 +243,9 @@ def components(gap: Gap) -> int:
 
 
 def _beyond(gap: Gap) -> list[str]:
-    """Validation errors that stay larger than the model with the named effects predicts, as a sentence.
+    """Errors, or residuals, that stay larger than the model with the named effects predicts, as a sentence.
 
-    Its interval is that of the baseline, in proportion to what both predict.
+    The interval of errors is that of the baseline, in proportion to what both predict.
     """
     out = []
     for s in gap.shrinkage:
@@ -256,7 +256,12 @@ def _beyond(gap: Gap) -> list[str]:
                 factor = per_vector(x.what, components(gap))  # as the tables state them
                 out.append(f"{x.what} ({um(factor * s.after)} µm RMS, {um(factor * s.predicted)} expected)")
     more = "larger than predicted with the named effects: another form of one, or a further cause"
-    return [f"But errors of {listed(out)} stay {more}"] if out else []
+    if out:
+        return [f"But errors of {listed(out)} stay {more}"]
+    residuals = left_by(gap.arm) if gap.arm else None
+    if residuals is None or not residuals.excess:
+        return []
+    return [f"But the arm of this diagnosis leaves {residuals.words}: noise above that, or a further cause"]
 
 
 def _noisy(gap: Gap) -> list[str]:
