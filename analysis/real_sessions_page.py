@@ -81,6 +81,7 @@ def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> str:
             model = own[0]["levels"][k]["model"]
             by = {p["place"]: p["levels"][k] for p in own}
             means = {place: step["mean_mm"] for place, step in by.items()}
+            apart = [size for step in by.values() if (size := step["distance_mm"]) is not None]
             largest = max(means, key=lambda place: means[place])
             rest = [value for place, value in means.items() if place != largest]
             other = others.get((r["session"], "unseen", model), {})
@@ -91,7 +92,7 @@ def _unseen(sessions: Sequence[Record], places: Sequence[Record]) -> str:
                 _number(min(means.values())),
                 f"{largest} {means[largest]:.3f}",
                 _number(fmean(rest)),
-                _number(fmean(step["distance_mm"] for step in by.values())),
+                _number(fmean(apart) if apart else None),
                 _number(other.get("mean_mm")),
                 _number(others.get((r["session"], f"unseen, without {largest}", model), {}).get("mean_mm")),
             ])  # fmt: skip
