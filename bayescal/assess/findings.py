@@ -155,7 +155,8 @@ def _tests(of: Assessed) -> Iterator[Finding]:
     if of.tests.causes:
         yield Finding(
             "rejected_rows_kept", "warning",
-            "rejected measurements that share a cause are no outliers: the fit keeps them, which widens it",
+            "rejected measurements that share a cause are no outliers: the fit keeps them, which widens it; "
+            "if a slip or a loose part explains them, leave these rows out and fit again",
         )  # fmt: skip
 
 
