@@ -40,7 +40,7 @@ from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.causes import CAUSES, sentence
-from bayescal.reporting.gap.phrases import headline, place
+from bayescal.reporting.gap.phrases import headline, named, place
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.sheets import improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.summary import gap_summary
@@ -522,6 +522,18 @@ def of_targets(kinds, target):
 def test_a_single_instrument_is_not_distinguishable_from_the_base(session, kinds, text):
     where = replace(diagnosis(session, "unknown").where[0], site=BASE, driver=Driver("time"))
     assert place(where, of_targets(kinds, np.arange(8) % len(kinds))) == text
+
+
+def test_a_shift_of_the_base_is_one_of_the_artefact(session):
+    """Where the arm touches its targets; what is not distinguishable stands beside the base."""
+    gap = diagnosis(session, "named+unexplained")
+    step = next(n for n in gap.verdict.named if n.effect == "step")
+    where = replace(gap.where[0], site=BASE, driver=Driver("event"), explained_by="step")
+    gap = replace(gap, where=(where, *gap.where))
+    one, two = (named(replace(step, sites=sites), gap) for sites in ((BASE,), (BASE, TOOL)))
+    assert one.startswith("the base or the artefact (these data do not distinguish them) shifted suddenly, ")
+    alike = "(these data do not distinguish the base and the artefact)"
+    assert two.startswith(f"step in the base or the artefact and the tool {alike} (each shifted suddenly, ")
 
 
 @pytest.mark.parametrize(("other", "said"), [(0.1, True), (1.0, False)])

@@ -55,7 +55,9 @@ def named(effect: Named, gap: Gap) -> str:
         named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
     if BASE.kind in {site.kind for site in named_sites} and (also := _beside_base(effect, gap)):
-        who += f" or the {also} (these data do not distinguish them)"
+        them = "them" if len(named_sites) == 1 else f"the base and the {also}"
+        who = who.replace(BASE.text, f"{BASE.text} or the {also}")
+        who += f" (these data do not distinguish {them})"
     if effect.neighbours:
         who += f" or {together(effect.neighbours)} (these data do not distinguish them)"
     setting = effect.setting
