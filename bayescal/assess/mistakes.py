@@ -171,12 +171,15 @@ def mistaken(judgement: Judged) -> Iterator[Mistake]:
             what += f" (or {', or '.join(f'{h.what} {h.like}' for h in others[:2])})"
         yield Mistake("gross_mistake", what, first.remedy, first.place)
     if judgement.factor is not None:
+        way, factor = ("long", judgement.factor) if judgement.factor > 1 else ("short", 1 / judgement.factor)
         what = (
-            f"all certified lengths look too {'long' if judgement.factor > 1 else 'short'} by a factor of "
-            f"{max(judgement.factor, 1 / judgement.factor):.4f}: the tolerances of the arm do not allow "
-            "its size"
+            f"the certified lengths together look too {way} by a factor of {factor:.4f}: "
+            "the tolerances of the arm do not allow its size"
         )
-        remedy = "check the unit and the temperature of the certificates, and the lengths in the robot file"
+        remedy = (
+            "check the unit and the temperature of the certificates, whether one of them is in error, "
+            "and the lengths in the robot file"
+        )
         yield Mistake("certified_scale", what, remedy, ("certificates",))
 
 

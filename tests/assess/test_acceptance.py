@@ -387,8 +387,12 @@ MISTAKES = {
     "sphere in m": (of_diameters, (1e-3,), f"spheres and cylinders {LOOKS} in m"),
     "mass centre": (of_tools, ("centre_of_mass", 25.4), f"`ball` {LOOKS} multiplied by 25.4 once too often"),
     "mass centre in inches": (of_tools, ("centre_of_mass", 1 / 25.4), f"`ball` {LOOKS} in inches"),
-    "certificates": (of_lengths, (1.01,), "all certified lengths look too long by a factor of 1.0"),
-    "short certificates": (of_lengths, (0.99,), "all certified lengths look too short by a factor of 1.0"),
+    "certificates": (of_lengths, (1.01,), "the certified lengths together look too long by a factor of 1.0"),
+    "short certificates": (
+        of_lengths,
+        (0.99,),
+        "the certified lengths together look too short by a factor of 1.0",
+    ),
 }
 
 
