@@ -81,11 +81,20 @@ def bound(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.name
 
 
+SOURCES = [p for name in ("bayescal", "factors") for p in sorted((ROOT / name).rglob("*.py"))]
+LONGEST = 400
+"""Lines of a module."""
+
+
+def test_no_module_is_too_long():
+    sizes = {str(p): p.read_text(encoding="utf-8").count("\n") for p in SOURCES}
+    assert {name: size for name, size in sizes.items() if size > LONGEST} == {}
+
+
 def test_names_of_values_say_what_they_hold():
-    sources = [p for name in ("bayescal", "factors") for p in sorted((ROOT / name).rglob("*.py"))]
     vague = [
         f"{file}:{k}: {name}"
-        for p in sources
+        for p in SOURCES
         for file in [p.relative_to(ROOT).as_posix()]
         for k, name in bound(p)
         if name in VAGUE and (file, name) not in ALLOWED
