@@ -292,6 +292,7 @@ KINDS = {
     "gravity direction": Kind("gravity direction", "direction of gravity at the tool"),
     "face": Kind("place on the face", "position on the face", _on_face),
     "workspace": Kind("place in the workspace", "position in the workspace"),
+    "beam": Kind("beam", "distance and direction from the instrument"),
     "mass": Kind("mass", "gravity of tool and payload"),
     "clock": Kind("clock", "speed of all joints"),
     "image": Kind("place in the image", "position in the image"),

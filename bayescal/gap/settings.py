@@ -106,6 +106,10 @@ class CellSettings:
     """Centres of regions of the workspace along each base axis, half extents (cost)."""
     region_size: float = 0.5
     """Radius of such a region, half extents (assumed)."""
+    beam_widths: tuple[float, ...] = (0.05, 0.15)
+    """Standard widths of an error of an instrument at one of its angles, shares of their range (assumed)."""
+    beam_waves: tuple[float, float, float] = (3.0, 30.0, 0.5)
+    """Periods over the range of its distances or directions: least, most, step (assumed)."""
     face_spots: tuple[tuple[float, float, int], ...] = ((0.2, 0.9, 13), (0.4, 0.8, 5))
     """Spots on a face: standard width and largest centre (half extents), centres along an axis (assumed)."""
     fewest_on_spot: int = 3

@@ -6,9 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 from gap_problems import BASELINE, Bench
-from sessions import circumstances, tracker
+from sessions import circumstances
 
-from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter, location, named, parameters_of
@@ -535,16 +534,3 @@ def test_a_face_shifts_only_where_contacts_of_it_are_before(bench):
 
     assert len(moments(late)) < len(moments(face.rows))
     assert all((late[c.fitted] > 0).sum() - m[c.fitted].sum() >= CELLS.few for m in moments(late))
-
-
-def test_points_of_an_instrument_are_off_in_one_region(bench):
-    """Warm air in the beam: what a probe has by its normal, an instrument has along three axes."""
-    c = circumstances(tracker(count=200).dataset)
-    place = reference.points(c.chain, c.q, c.tool_centres[c.tool])
-    (cell,) = (x for x in cells(c) if x.driver == Driver("workspace", form="one region") and x.site == BASE)
-    size = np.linalg.norm(
-        (place - place.mean(axis=0) - 0.5 * place.std(axis=0)) / np.ptp(place, axis=0), axis=1
-    )
-    assert left(cell, 0, np.exp(-((size / 0.3) ** 2))) < 0.25
-    assert {t.axis for p in cell.sets[0] for t in p.terms} == {"tx", "ty", "tz"}
-    assert not any(x.site == BASE and x.driver == cell.driver for x in cells(bench.circumstances))

@@ -17,6 +17,7 @@ from cases import EXAMPLE, cases, drawn, terminal_text
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sessions import tracker as read_points
 from sessions import with_columns
 from typer.testing import CliRunner
 
@@ -435,11 +436,16 @@ def test_every_cause_is_a_sentence_with_its_site_and_joint(causes_session, key):
 
 
 def test_every_cause_is_of_a_cell_of_a_session(causes_session):
-    """No sentence for a location that no diagnosis finds, of contacts or of images."""
+    """No sentence for a location that no diagnosis finds, of contacts, of images or of instruments."""
     found, images = set(), camera_session(images=8, seed=1)
     minutes = np.arange(len(images.measurements.ids), dtype=float)
     warming = with_columns(images, time=60.0 * minutes, temperature=20.0 + np.sqrt(minutes))
-    for scene in map(Scene, (causes_session, warming)):
+    one = read_points(count=120).dataset
+    two = replace(
+        one, targets=(*one.targets, replace(one.targets[0], name="other")),
+        measurements=replace(one.measurements, target=np.arange(120) % 2),
+    )  # fmt: skip
+    for scene in map(Scene, (causes_session, warming, one, two)):
         of_session = cells(scene.circumstances(scene.rows("calibrate")))
         found |= {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
     assert not set(CAUSES) - found

@@ -15,22 +15,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bayescal.arm import chain as reference
 from bayescal.arm.motion import IMAGE, TURN, Term
-from bayescal.effects import EFFECTS, Circumstances, Parameter, View, location
+from bayescal.effects import EFFECTS, Circumstances, Parameter, View
 from bayescal.effects.by_time import reflectors
 from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
-from bayescal.effects.location import BASE, BOARD, CAMERA, PROBE, TOOL, Driver, joint, link
-from bayescal.effects.probe import shapes
-from bayescal.estimate.families import cosines, lobes
+from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
+from bayescal.estimate.families import cosines
 from bayescal.gap.search.makers import (
     FURTHER,
     SHIFTS,
     TURNS,
     Cell,
     Mover,
-    at_contact,
     at_joint,
     measured,
     movers,
@@ -41,6 +38,7 @@ from bayescal.gap.search.makers import (
     sides_of,
     smooth,
 )
+from bayescal.gap.search.measuring import MEASURING
 from bayescal.gap.search.quantities import arguments, at_tool
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
@@ -319,52 +317,5 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
     yield Cell(BASE, Driver("time", form="to and fro"), tuple(sets))
 
 
-def _region(c: Circumstances) -> Iterator[Cell]:
-    """An error of the probe, or of an instrument, by the position in the workspace: everywhere, or local."""
-    place = reference.points(c.chain, c.q, c.tool_centres[c.tool])
-    low, high = place[c.fitted].min(axis=0), place[c.fitted].max(axis=0)
-    half = np.maximum(0.5 * (high - low), 1e-3)
-    u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
-    on = c.touching.astype(float)
-    spots = [
-        1.0 / (1.0 + (np.linalg.norm(u - centre, axis=1) / CELLS.region_size) ** 3)
-        for centre in itertools.product(CELLS.region_grid, repeat=3)
-    ]
-    seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= CELLS.fewest / 2]
-    if np.any(c.touching):
-        products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
-        yield Cell(PROBE, Driver("workspace"), (at_contact(on, [*u.T, *products]),))
-        yield Cell(PROBE, Driver("workspace", form="one region"), tuple(at_contact(on, [s]) for s in seen))
-    if not np.all(c.touching[c.fitted]):
-        (base,) = movers(c)[BASE]
-        local = tuple(tuple(p for p in base((1.0 - on) * s) if p.unit == "m") for s in seen)
-        yield Cell(BASE, Driver("workspace", form="one region"), local)
-
-
-def _probe(c: Circumstances) -> Iterator[Cell]:
-    if not np.any(c.touching):
-        return
-    on = c.touching.astype(float)
-    yield Cell(PROBE, Driver("contact direction"), (at_contact(on, lobes(c)),))
-    if c.speed is not None:
-        waves = smooth(np.where(c.touching, c.speed, 0.0), c.fitted, 2)
-        yield Cell(PROBE, Driver("contact speed"), (at_contact(on, waves),) if waves else ())
-
-
-def _faces(c: Circumstances) -> Iterator[Cell]:
-    for face in c.faces:
-        site = location.face(face.name)
-        spots = []
-        for width, end, count in CELLS.face_spots:
-            centres = np.linspace(-end, end, count)[:, None, None]
-            first, second = np.moveaxis(((face.place - centres) / width) ** 2, -1, 0)  # (count, N) each
-            every = np.exp(-0.5 * (first[:, None] + second)).reshape(count**2, -1) * face.rows
-            seen = np.sum(every[:, c.fitted] > 0.5, axis=1) >= CELLS.fewest_on_spot
-            spots += [at_contact(face.rows, [spot]) for spot in every[seen]]
-        yield Cell(site, Driver("face", form="one spot"), tuple(spots))
-        form = at_contact(face.rows, [values for _, _, values in shapes(face)])
-        yield Cell(site, Driver("face"), (form,), of_known_effect="plane-form" in EFFECTS)
-
-
-MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces, *FURTHER, *IMAGES)
+MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, *MEASURING, *FURTHER, *IMAGES)
 """Functions that list the cells of a session, in the order of the cells."""
