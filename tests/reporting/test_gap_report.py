@@ -440,12 +440,8 @@ def test_every_cause_is_of_a_cell_of_a_session(causes_session):
     found, images = set(), camera_session(images=8, seed=1)
     minutes = np.arange(len(images.measurements.ids), dtype=float)
     warming = with_columns(images, time=60.0 * minutes, temperature=20.0 + np.sqrt(minutes))
-    one = read_points(count=120).dataset
-    two = replace(
-        one, targets=(*one.targets, replace(one.targets[0], name="other")),
-        measurements=replace(one.measurements, target=np.arange(120) % 2),
-    )  # fmt: skip
-    for scene in map(Scene, (causes_session, warming, one, two)):
+    tracked = read_points(count=120).dataset
+    for scene in map(Scene, (causes_session, warming, tracked)):
         of_session = cells(scene.circumstances(scene.rows("calibrate")))
         found |= {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
     assert not set(CAUSES) - found

@@ -74,9 +74,8 @@ def beams(c: Circumstances) -> Iterator[Cell]:
             for turns in np.arange(least, min(most, len(mine) / 3), step):
                 phase = 2 * np.pi * turns * share
                 waves.append(_shifted(rows, along[k], [np.sin(phase), np.cos(phase)]))
-        site = BASE if len(c.instruments) == 1 else location.face(name)
         for form, sets in (("", smoothly), ("one place", local), ("to and fro", waves)):
-            yield Cell(site, Driver("beam", form=form), tuple(sets))
+            yield Cell(location.face(name), Driver("beam", form=form), tuple(sets))
 
 
 def _points(c: Circumstances) -> np.ndarray:

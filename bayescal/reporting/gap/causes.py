@@ -91,20 +91,14 @@ CAUSES = {
         "the probe has an error in one region of the workspace",
         "Look for a probe cable that is caught or taut there.",
     ),
-    **dict.fromkeys(
-        [("base", "beam", "one place"), ("face", "beam", "one place")],
-        (
-            "points are off in one direction, or at one distance, of the instrument",
-            "Look for warm air, a reflection or an obstacle in its beam there, and for a reflector that is "
-            "turned too far from it.",
-        ),
+    ("face", "beam", "one place"): (
+        "{site} reads wrong in one direction, or at one distance",
+        "Look for warm air, a reflection or an obstacle in its beam there, and for a reflector that is "
+        "turned too far from it.",
     ),
-    **dict.fromkeys(
-        [("base", "beam", "to and fro"), ("face", "beam", "to and fro")],
-        (
-            "points are off in waves of the distance or the angles of the instrument",
-            "Check the instrument: its distances on known lengths, its encoders by readings in two faces.",
-        ),
+    ("face", "beam", "to and fro"): (
+        "{site} reads wrong in waves of its distances or its angles",
+        "Check its distances on known lengths, and its encoders by readings in two faces.",
     ),
     ("board", "board", "heights"): (
         "the points of {site} are not in one plane, in another form than a bow",
