@@ -1,10 +1,12 @@
 """What changed between sessions: evidence by brute force, and changes made by hand in one session."""
 
+import csv
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from influences import check_written
 from scipy.stats import multivariate_normal
 from sessions import misread, tracker, with_columns, with_rows
 
@@ -15,14 +17,14 @@ from bayescal.changes.joint import AT, Shift, prepared, tied
 from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
-from bayescal.effects import Parameter
+from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import BASE, PLACEMENT
 from bayescal.errors import BayescalError
 from bayescal.model import standing, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import _pose, difference, found_from, sized, words
+from bayescal.reporting.changed import _pose, changed_record, difference, found_from, items_csv, sized, words
 from bayescal.reporting.shared.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -232,6 +234,43 @@ def test_the_result_as_text_page_and_table(crashed, tmp_path):
     assert [p["reason"] for p in record["poses"]] == ["", "the nominal arm does not reach it"]
     assert set(result.detectable.columns) == {"item", "parameter", "site", "unit", "value", "tcp_um"}
     assert result.items["parameter"].tolist()[0] == "theta4"
+
+
+IN_UNITS = {
+    r"U$": lambda x: 2.0 * np.concatenate([1e3 * x, np.degrees(x)]),
+    r"_um$": lambda x: 1e6 * x,
+    r"probability": np.copy,
+    r"detectable": lambda x: np.concatenate([factor * x for _, factor in UNITS.values()]),
+    r"": lambda x: np.concatenate([1e3 * x, np.degrees(x)]),
+}
+"""What is written of lengths and angles, by the key: their unit is beside it."""
+
+
+def test_every_number_of_changes_is_in_their_record_and_in_their_table(crashed):
+    fields = {
+        "differences": ("before", "after", "difference", "u", "probability"),
+        "detectable": ("value", "tcp"),
+    }
+
+    def record(given):
+        parts = {
+            part: tuple(replace(x, **numbers) for x, numbers in zip(getattr(crashed, part), own, strict=True))
+            for part, own in given.items()
+        }
+        return changed_record(replace(crashed, **parts))
+
+    given = {
+        part: [{key: getattr(x, key) for key in keys} for x in getattr(crashed, part)]
+        for part, keys in fields.items()
+    }
+    check_written(record, given, but="", called={}, units=IN_UNITS)
+    items = changed_record(crashed)["items"]
+    rows = list(csv.DictReader(items_csv({"items": items}).splitlines()))
+    assert {"item", "parameter", "unit", *fields["differences"]} <= rows[0].keys()
+    for row, item in zip(rows, items, strict=True):
+        for key, cell in row.items():
+            of_list = isinstance(item[key], list)
+            assert cell == ("; ".join(item[key]) if of_list else "" if item[key] is None else str(item[key]))
 
 
 def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", **more):

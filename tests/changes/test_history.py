@@ -1,9 +1,11 @@
 """The history of an arm: trends and steps by brute force, and runs of sessions with a zero that shifted."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from influences import check_written
 
 import bayescal as bc
 from bayescal.changes import history as module
@@ -11,7 +13,7 @@ from bayescal.changes.history import STEP, TREND, _reduced, _search
 from bayescal.dataset.join import arm_difference
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import read_arm
-from bayescal.reporting.history import size
+from bayescal.reporting.history import history_record, size
 
 ARM = {"effects": "geometry", "contacts": 70, "later": 2, "repeats": 0, "spheres": 0, "arm_seed": 3}
 DATES = ("2025-01-01", "2025-02-10", "2025-12-31")
@@ -97,9 +99,40 @@ def test_a_step_is_found_in_the_order_of_the_dates(runs, tmp_path):
     assert (
         str(result).splitlines()[2] == f"1 of {len(record['parameters'])} parameters changed over 3 sessions."
     )
-    assert len((tmp_path / "out" / "history.csv").read_text().splitlines()) == 1 + 3 * len(
-        record["parameters"]
-    )
+    rows = list(csv.DictReader((tmp_path / "out" / "history.csv").read_text().splitlines()))
+    assert len(rows) == 3 * len(record["parameters"])
+    for row in rows:
+        (p,) = [p for p in record["parameters"] if p["name"] == row["parameter"]]
+        ((run, value),) = [
+            both for both in zip(record["runs"], p["values"], strict=True) if both[0]["folder"] == row["run"]
+        ]
+        assert (row["unit"], row["date"], float(row["time"])) == (p["unit"], run["date"], run["time"])
+        assert (float(row["value"]), float(row["u"])) == pytest.approx((value["value"], value["u"]))
+
+
+def test_every_number_of_a_history_is_in_its_record_under_its_name(runs):
+    result = bc.history(runs).data
+    # a step and a trend, of an angle and of a length
+    angle, length = (next(c for c in result.courses if c.parameter.unit == unit) for unit in ("rad", "m"))
+    made = {"size": 3e-4, "u": 2e-5, "probability": 0.75}
+    courses = replace(angle, kind=STEP, since=1, **made), replace(length, kind=TREND, **made)
+    limit = module.Limit(1e-4, 3e-7, 2e-8, (10.0, 20.0, 30.0), ())
+
+    def record(given):
+        own = zip(courses, given["parameters"], strict=True)
+        parts = {"courses": tuple(replace(c, **numbers) for c, numbers in own), "limit": given["limit"]}
+        return history_record(replace(result, **parts))
+
+    keys = ("values", "size", "u", "probability")
+    given = {"parameters": [{key: getattr(c, key) for key in keys} for c in courses], "limit": limit}
+    units = {
+        r"_um$": lambda x: 1e6 * x,
+        r"^limit|probability": np.copy,
+        r"U$": lambda x: 2.0 * np.concatenate([1e3 * x, np.degrees(x)]),
+        r"": lambda x: np.concatenate([1e3 * x, np.degrees(x)]),
+    }
+    called = {"times": "time_after_last_run"}
+    check_written(record, given, but="", called=called, units=units)
 
 
 def test_an_order_is_a_time(runs):

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cases import terminal_text
+from influences import check_written
 from motion.made import RATE, SECONDS, read_commands, write
 
 import bayescal as bc
@@ -15,6 +16,7 @@ from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
 from bayescal.motion.diagnose import diagnose
+from bayescal.reporting.motion import record as of_log
 from bayescal.reporting.motion.sheets import beyond_stated, motion_summary
 
 BUMP = 0.4
@@ -262,3 +264,26 @@ def test_options_of_contacts_are_refused(null_log):
         bc.diagnose([null_log, null_log.parent])
     with pytest.raises(BayescalError, match="is that of a joint log"):
         bc.compare(null_log)
+
+
+IN_JOINT = {"bump": 3, "load_friction": 2}
+"""The joint in whose torque a cause is."""
+CALLED = {"nats": "log_evidence", "joint": "of_joint", "gain": "delta_elpd"}
+UNITS = {r"of_joint": lambda x: x + 1}
+
+
+@pytest.mark.parametrize("cause", IN_JOINT)
+def test_every_number_of_a_diagnosis_is_in_its_record_under_its_name(gaps, cause, monkeypatch):
+    """Joints count from 1 in it, as in the words."""
+    monkeypatch.setattr(of_log, "software", lambda libraries: {})
+    gap, record = gaps[cause].data, gaps[cause].record
+    assert record["where"][0]["of_joint"] == IN_JOINT[cause]
+    said = re.findall(r"RMS in joint (\d)", " ".join(record["words"]))
+    assert set(map(int, said)) <= {place["of_joint"] for place in record["where"]}
+    assert said or cause == "load_friction"
+    # in the second joint, beside which there is another one
+    given = {"where": tuple(replace(place, joint=1) for place in gap.where)}
+    given |= {"amplitudes": gap.amplitudes, "shrinkage": gap.shrinkage}
+    check_written(
+        lambda given: of_log.motion_record(replace(gap, **given)), given, but="", called=CALLED, units=UNITS
+    )

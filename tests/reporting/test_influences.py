@@ -1,0 +1,142 @@
+"""Every number of a diagnosis reaches its record under its own name, and from there terminal and page."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_diagnoses import BACKLASH, diagnosis
+from influences import check_written, unseen
+
+from bayescal.effects.location import Driver, joint
+from bayescal.gap.result import Amplitude, Event, NextContact, Pair, Suspect
+from bayescal.reporting import fleet_report
+from bayescal.reporting.gap import record as gap_file
+from bayescal.reporting.gap import summary
+from bayescal.reporting.page import build
+from bayescal.reporting.page.section import Run
+from bayescal.reporting.shared import origin
+
+PARTS = (
+    *("magnitude", "where", "margins", "verdict", "shrinkage", "levels", "advice", "blind_spots"),
+    *("amplitudes", "undecided"),
+)
+"""Of a diagnosis, with numbers; `residuals` has three arrays without names."""
+NAMES = r".*(site|sites|neighbours)\.number|.*driver\.joint"
+"""Numbers that are part of the name of a site or driver."""
+CALLED = {
+    "validation_rms": "rms", "delta_elpd": "", "delta_elpd_se": "se", "readings": "j", "velocity": "degps",
+    "backlash J3": "value", "phase.second": "u_phase",
+}  # fmt: skip
+"""Words of the key of a number, where they are not its name."""
+UNITS = {
+    r"_um\.|_um$": lambda x: 1e6 * x,
+    r"deg$|degps$|next\.poses": np.degrees,
+    r"undecided|amplitudes\.(u|value)": np.degrees,  # `unit` beside it is deg
+    r"blind_spots\..*value": lambda x: np.concatenate([1e6 * x, np.degrees(x)]),  # as `unit` beside states
+    r"events": lambda x: x + 1,
+}
+"""What is written in a record, by the key."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quick():
+    """A record without what is no number of a diagnosis: versions of libraries and the drawing of the arm."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(origin, "software", lambda libraries: {})
+        patch.setattr(gap_file, "arm_drawing", lambda scene: {"robot": "arm"})
+        yield
+
+
+@pytest.fixture(scope="module")
+def session(cube):
+    return cube(seed=1, count=30).dataset
+
+
+@pytest.fixture(scope="module")
+def gap(session):
+    """A diagnosis in which all is that a diagnosis may have."""
+    made = diagnosis(session, "named+unexplained")
+    what = ("wave", 2e-4, 3e-5, "rad", (0.5, 0.125), True)
+    wave = Amplitude("backlash", joint(3), Driver("angle", 3), ("x",), *what)
+    readings, speeds = tuple(np.linspace(0.1, 0.6, 6).tolist()), tuple(np.linspace(0.01, 0.06, 6).tolist())
+    contact = NextContact("cube.+x", session.tools[0].name, readings, speeds, 2.5, "")
+    sides = [Suspect("backlash", {"backlash J3": x}, {"backlash J3": "rad"}) for x in (1e-4, 3e-4, 5e-4)]
+    named = (replace(BACKLASH, events=(Event(7, (5, 9)),)), *made.verdict.named[1:])
+    return replace(
+        made,
+        verdict=replace(made.verdict, named=named),
+        amplitudes=(wave,),
+        advice=tuple(replace(a, contacts=(contact,)) for a in made.advice),
+        undecided=(Pair(*((s,) for s in sides)),),
+    )
+
+
+def test_every_number_of_a_diagnosis_is_in_its_record_under_its_name(gap):
+    rows, before, after = gap.residuals
+    given = {part: getattr(gap, part) for part in PARTS} | {"residuals": {"before": before, "after": after}}
+
+    def record(given):
+        residuals = (rows, *given["residuals"].values())
+        return gap_file.gap_record(replace(gap, **given | {"residuals": residuals}))
+
+    check_written(record, given, but=NAMES, called=CALLED, units=UNITS)
+
+
+UNSHOWN = r"seed|curves\..*|residuals\..*|next\.poses|where\.(log_evidence|p_value)|lengths\.components"
+"""Numbers of a record that figures draw, that files have, or of which another number is shown."""
+UNSHOWN += r"|gap\.(heldout_rms_um|noise_um|excess_um\.value)|lengths\.shrinkage\..*"
+"""Shown as lengths."""
+UNSHOWN += r"|shrinkage\.distances\.after_rms_um"
+"""Not claimed."""
+ON_TERMINAL = rf"{UNSHOWN}|hypotheses\..*|named\..*|where_marginal\..*|probability\.latency"
+ON_PAGE = rf"{UNSHOWN}|named\.log_evidence|where_marginal\.target\.p_value|gap\.measured\..*"
+ON_PAGE += r"|gap\.noise_interval95.*|shrinkage\..*\.predicted_before_rms_um"
+
+
+@pytest.mark.parametrize("kind", ["null", "named+unexplained", "unknown"])
+def test_every_number_of_a_diagnosis_is_shown(session, kind, monkeypatch):
+    gap = diagnosis(session, kind)
+    record = gap_file.gap_record(gap)
+    monkeypatch.setattr(summary, "screen", lambda *parts: parts)
+    assert not unseen(lambda record: summary.gap_summary(gap, record), record, ON_TERMINAL)
+    assert not unseen(lambda r: [of(Run("gap", r, "run")) for of in build.SECTIONS["gap"]], record, ON_PAGE)
+
+
+FOUND = {"parameter": "a2", "value": 0.31, "u": 0.12, "unit": "mm", "p_all": 0.013, "stated": True}
+FLEET = {
+    "arms": [
+        {"arm": "a", "robot": "ur5e", "sessions": ["s", "t"], "expanded_U_um": 51.0, "measured_rms_um": 21.0,
+         "effects": [{"effect": "backlash", "site": "joint 3"}], "differs": [FOUND],
+         "changed": [FOUND | {"parameter": "d4", "since": "t"}], "log_score_nats": 11.0}
+    ],
+    "effects": [
+        {"effect": "backlash", "site": "joint 3", "arms": ["a", "b"], "of": 12, "expected_arms": 3.7,
+         "values": [0.013, 0.027], "unit": "deg"}
+    ],
+    "sessions": [
+        {"session": "s", "arm": "a", "status": "fitted", "fit": {"expanded_U_um": 52.0}, "error": "",
+         "gap": {"words": ["Effect found"]}, "folder": "sessions/s"}
+    ],
+    "models": [
+        {"robot": "ur5e", "arms": ["a", "b", "c"], "comparisons": 78, "comparisons_between_sessions": 26,
+         "log_score_nats": 17.0, "better": 2, "widened": 1.3, "file": "ur5e.yaml",
+         "parameters": [
+            {"name": "a2", "unit": "mm", "stated_deviation": 0.011, "stated_sd": 0.5, "deviation": 0.13,
+             "u_deviation": 0.031, "usual_sd": 0.23, "sd": 0.29, "effective_arms": 4.0}
+        ]}
+    ],
+    "count": {"sessions": 4, "fitted": 2, "kept": 1, "failed": 1},
+}  # fmt: skip
+"""The record of a fleet."""
+
+
+def test_every_number_of_a_fleet_is_shown():
+    def shown(record):
+        tables = (fleet_report.arms, fleet_report.effects, fleet_report.sessions, fleet_report.findings)
+        each = [(fleet_report.parameters(m), fleet_report.learnt(m)) for m in record["models"]]
+        return [[table(record) for table in tables], each, fleet_report.counted(record)]
+
+    assert not unseen(shown, FLEET, "")
+    ((said,),) = (found for heading, found in fleet_report.findings(FLEET) if heading == "changed")
+    assert "changed before session t" in said
+    assert said.endswith("(26 comparisons)")
