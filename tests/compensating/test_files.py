@@ -14,6 +14,7 @@ from bayescal.errors import BayescalError
 from bayescal.fitted.file import write_arm
 from bayescal.fitted.gate import Use
 from bayescal.programs.tools import nominal_arm
+from bayescal.public.arms import CompensationResult
 
 POSES = "id,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,note\n"
 ROWS = 'a,450,0,200,180,0,0,"one, two"\nb,450,60,200,180,10,30,\nc,1450,0,150,170,0,90,far\n'
@@ -65,6 +66,12 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     assert done.text.decode().splitlines()[0] == POSES.strip() + (
         ",j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,u_mm,inside_probed_region,reason,error_mm,solutions,U_mm,verdict"
     )
+    shown = CompensationResult(arm, done)
+    for column, values in (("u_mm", shown.u), ("U_mm", shown.U)):
+        written = [float(row[column] or np.nan) for row in rows]
+        np.testing.assert_allclose(written, 1e3 * values, rtol=1e-4)
+    np.testing.assert_allclose(degrees(rows[:2], "j{}_deg"), shown.readings[:2], atol=1e-8)
+    assert np.isnan(shown.readings[2]).all()
     check_units(arm, rows[:2], np.array([[0.45, 0, 0.2], [0.45, 0.06, 0.2]]), done.corrected[:2])
     assert rows[2]["reason"].startswith("out of reach")
     assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]

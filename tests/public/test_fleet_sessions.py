@@ -23,7 +23,7 @@ from analysis.fleet_study import put, shapes, subset
 from bayescal.errors import BayescalError
 from bayescal.exporting.robot import robot_text
 from bayescal.fitted.arm import of_fit
-from bayescal.public.fleet import Task, _entries, computed, kept
+from bayescal.public.fleet import Task, _arms, _entries, computed, kept
 
 ARMS, ODD, OFF = 4, 3, 0.02
 """Arms of the fleet, the one that differs, and by how much its third zero does, rad: 33 times the spread."""
@@ -203,6 +203,17 @@ def test_arms_that_cannot_be_told(folder, tmp_path, arm, message):
     with pytest.raises(BayescalError, match=message):
         bc.fleet([folder / "sessions"], tmp_path / "out", arm=arm)
     assert not (tmp_path / "out").exists()
+
+
+def test_arms_are_told_alike_by_an_expression_and_by_a_table(tmp_path):
+    """The first group of the expression, or all of it; whatever surrounds it in the name."""
+    arm_of = {f"{day}-r{k}_a": f"r{k}" for day in ("mo", "tu") for k in (1, 2, 12)}
+    (tmp_path / "arms.csv").write_text("session,arm\n" + "".join(f"{s},{a}\n" for s, a in arm_of.items()))
+    for arm in (str(tmp_path / "arms.csv"), "-(r[0-9]+)_", "r[0-9]+", "-(?:r|R)(?=.)"):
+        told = _arms(arm, list(arm_of))
+        found = {name: told({"session": name}) for name in arm_of}
+        wanted = arm_of if "?" not in arm else dict.fromkeys(arm_of, "-r")
+        assert found == wanted, arm
 
 
 def test_a_folder_of_others_is_refused(folder, tmp_path):

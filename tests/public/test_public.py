@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import doctest
 import inspect
 import subprocess
 import sys
 from dataclasses import replace
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,7 +20,10 @@ from cases import EXAMPLE, ROOT
 from sessions import plain
 
 import bayescal as bc
-from bayescal.fitted.gate import NOTHING
+from bayescal.errors import BayescalError
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.gate import NOTHING, Use
+from bayescal.public.budgets import certificate
 
 DOCUMENTED = (
     "bayescal",
@@ -131,6 +136,26 @@ def test_a_fit_comes_back(result, tmp_path):
     assert "a2" in str(saved)
     a2 = np.asarray(saved.inference_data()["posterior"]["a2"])
     assert a2.std() == pytest.approx(saved.parameters.loc["a2", "u"], rel=1e-6)
+
+
+@pytest.mark.parametrize("asked", [{"parameter": "theta2"}, {}, {"parameter": "compliance J3"}])
+def test_every_row_of_a_budget_as_csv_is_that_of_its_record(result, asked):
+    found = bc.budget(result, **asked)
+    *parts, of_u, of_U = csv.DictReader(StringIO(found.csv))
+    for row, stated in zip(parts, found.record["components"], strict=True):
+        assert row.keys() - {"measurand"} <= stated.keys()
+        for key in row.keys() - {"measurand"}:
+            value = row[key] if isinstance(stated[key], str) else float(row[key]) if row[key] else None
+            assert value == (stated[key] if isinstance(stated[key], str) else pytest.approx(stated[key])), key
+    assert {row["measurand"] for row in (*parts, of_u, of_U)} == {found.record["measurand"]}
+    assert of_u["unit"] == of_U["unit"] == found.record["unit"]
+    # U = k u, by the numbers of the file alone; k is the sensitivity of U to u
+    for key in ("contribution", "contribution_um"):
+        u, expanded = of_u[key], of_U[key]
+        assert bool(u) == bool(expanded) == (key == "contribution" or found.record["u_um"] is not None)
+        if u:
+            assert float(u) == pytest.approx(np.linalg.norm([float(row[key]) for row in parts]))
+            assert float(expanded) == pytest.approx(float(of_U["sensitivity"]) * float(u))
 
 
 def test_a_folder_and_a_dataset_give_the_same(session, tmp_path):
@@ -293,3 +318,38 @@ def test_options_of_what_uses_an_arm_arrive(monkeypatch):
     keys = ("to", "into", "readings", "time", "row", "force")
     assert [got[key] for key in keys] == ["mjcf", "a.xml", "script", 3.5, "c7", True]
     assert asked == [("run", ("backlash", "step"), ("compliance",)), (Path("run"), *asked[0][1:])]
+
+
+USES = {
+    "export": lambda **force: bc.export("run", "urdf", **force),
+    "compensate": lambda **force: bc.compensate("run", "a.src", **force),
+    "certificate": lambda **force: certificate("run", "given.yaml", **force),
+}
+"""Everything that has the option `force`."""
+
+
+def test_all_that_can_be_forced_is_tested():
+    files = Path(bc.__file__).parent.glob("public/*.py")
+    public = [import_module(f"bayescal.public.{f.stem}") for f in files]
+    functions = [f for module in public for f in vars(module).values() if inspect.isfunction(f)]
+    forced = [f for f in functions if "force" in inspect.signature(f).parameters]
+    assert {f.__name__ for f in forced if f.__module__.startswith("bayescal.public")} == USES.keys()
+
+
+@pytest.mark.parametrize("name", USES)
+def test_an_arm_is_not_used_in_spite_of_reasons_against_it_unless_forced(name, monkeypatch, result):
+    """And with all of them in the refusal."""
+    use, done = Use(("it did not converge", "priors decide")), []
+    arm = replace(of_fit(result.data), use=use)
+    monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *given: arm)
+    monkeypatch.setattr("bayescal.public.budgets.stated", lambda run: (arm, None, 0))
+    monkeypatch.setattr("bayescal.public.budgets.read_entries", lambda path: None)
+    works = {"certificate": "public.budgets.dcc", "compensate": "compensating.compensation.compensate_file"}
+    for work, place in works.items():
+        monkeypatch.setattr(f"bayescal.{place}", lambda *_, work=work, **__: done.append(work) or "")
+    with pytest.raises(BayescalError) as refused:
+        USES[name]()
+    assert all(reason in str(refused.value) for reason in use.against)
+    assert not done
+    assert USES[name](force=True) is not None
+    assert done == [name] or name == "export"
