@@ -1,14 +1,15 @@
 """Sessions with cameras: read and written, placed by their rows, and what is refused."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from camera_sessions import BOARD, FIXED, ON_FLANGE, SIZE, camera_session
 
 from bayescal.dataset import read_dataset, write_dataset
-from bayescal.dataset.cameras import closed_form
-from bayescal.dataset.image_checks import misfit
+from bayescal.dataset.cameras import board, closed_form, lens_of
+from bayescal.dataset.image_checks import LARGEST, SMALLEST, misfit, region
 from bayescal.errors import BayescalError
 
 
@@ -131,3 +132,16 @@ def test_a_blurred_image_agrees_with_the_arm_where_its_own_pose_is_poor():
     distance = misfit(off, 0, rows, readings)
     assert distance[of == 18].max() == 0.0
     assert distance[of == 7].min() > 0.05
+
+
+@pytest.mark.parametrize("size", [(1280.0, 720.0), (720.0, 1280.0), (900.0, 900.0)])
+def test_a_planned_board_fills_a_share_of_the_shorter_edge_of_the_image(size):
+    """Seen frontally: nearer it would be cut off, farther away its corners tell little."""
+    t = camera_session(images=1).targets[0]
+    t = replace(t, values=dict(t.values) | {"size": np.array(size), "xyz": np.full(3, 0.1)})
+    board_length, lens = np.max(np.ptp(board(t).points, axis=0)), lens_of(t)
+    place = region(t, SimpleNamespace(probed=lambda: np.zeros((0, 3))))
+    for distance, share in zip(place.span, (LARGEST, SMALLEST), strict=True):
+        ends = np.array([[-0.5, 0.5], [-0.5, 0.5]]) * board_length / distance
+        long = np.abs(np.diff(lens.pixels(ends), axis=1)).ravel()
+        assert np.mean(long) == pytest.approx(share * min(size), rel=1e-6)

@@ -1,0 +1,83 @@
+"""What is stated of an arm comes back from its run folder: nothing is left at a default."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from export_arms import fake, session_of
+from sessions import with_columns
+
+from bayescal.dataset.join import joined
+from bayescal.effects.location import joint
+from bayescal.estimate.bounds import Negative, Rigid
+from bayescal.fitted.arm import Origin
+from bayescal.fitted.file import arm_record, read_arm, write_arm
+from bayescal.fitted.gate import Use
+from bayescal.fitted.unmodelled import Unmodelled
+from bayescal.model.options import FitOptions, Part
+
+EFFECTS = ("geometry", "compliance")
+
+
+@pytest.fixture(scope="module")
+def session():
+    return session_of()
+
+
+@pytest.fixture(scope="module")
+def pair(session):
+    """Two sessions of one arm and tool, of which the second is noisier."""
+    other = with_columns(session, readings=session.measurements.readings + 1e-3)
+    rough = replace(other, noise=replace(other.noise, contact=3.0 * session.noise.contact))
+    named = ((session, "A"), (rough, "B"))
+    return tuple(replace(s, name=n, folder=Path(n), sha256=n.lower()) for s, n in named)
+
+
+def stated(arm):
+    """An arm with all that may be said of one."""
+    count = len(arm.values)
+    rng = np.random.default_rng(0)
+    options = FitOptions((Part("compliance", joint(2)),), False, 1.75, 11, widths={"zeros": 1.5})
+    rigid = Rigid((Negative("compliance J3", -1e-6, 2e-6, "rad/(N m)"),), 3e-6, 7e-6)
+    use = Use(("priors decide",), ("one scale",), rigid, ("backlash is left out",), "measure")
+    unmodelled = Unmodelled(
+        1e-7 * rng.standard_normal((count, 5)), {"joints": 1e-10}, {"joints": 7.5},
+        rng.standard_normal((2, 2)), 3e-6, 12.5, {"contact": 1.25}, {"contact": (1e-9 * np.eye(count), 33.0)},
+    )  # fmt: skip
+    ids = arm.dataset.measurements.ids
+    return replace(
+        arm, rejected=(ids[3], ids[7]), origin=Origin("gap", options), use=use, unmodelled=unmodelled,
+        solved=0.5 * arm.covariance,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("remounted", [True, False])
+@pytest.mark.parametrize("own_noise", [True, False])
+def test_the_record_of_an_arm_that_was_read_is_that_which_was_written(pair, tmp_path, remounted, own_noise):
+    arm = stated(fake(joined(pair, remounted=remounted, own_noise=own_noise), EFFECTS))
+    written = arm_record(arm)
+    write_arm(arm, tmp_path)
+    again = read_arm(tmp_path)
+    assert [t.name for t in again.dataset.tools] == (["A:ball", "B:ball"] if remounted else ["ball"])
+    found = arm_record(again)
+    assert found.keys() == written.keys()
+    for key, value in written.items():
+        assert plain(found[key]) == plain(value), key
+
+
+def plain(value):
+    """Numbers to ten digits."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return float(f"{value:.9e}") if isinstance(value, float) else value
+
+
+def test_the_uncertainty_of_a_point_contains_an_unexplained_error_of_each_coordinate(session):
+    arm = fake(session, EFFECTS)
+    q, size = session.measurements.readings[:4], 4e-6
+    nothing = Unmodelled(np.zeros((len(arm.values), 0)))
+    bare, wide = (replace(arm, unmodelled=replace(nothing, excess=e)).at(q).covariance for e in (0.0, size))
+    np.testing.assert_allclose(wide - bare, np.tile(size**2 * np.eye(3), (4, 1, 1)), atol=1e-16)
