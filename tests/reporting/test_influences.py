@@ -1,18 +1,24 @@
-"""Every number of a diagnosis reaches its record under its own name, and from there terminal and page."""
+"""Every number of a result reaches its record under its own name, and from there terminal and page."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_diagnoses import BACKLASH, diagnosis
 from influences import check_written, unseen
+from planning.made_up_plans import made_up_plan
 
+from bayescal.effects import UNITS as EFFECT_UNITS
 from bayescal.effects.location import Driver, joint
+from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import Amplitude, Event, NextContact, Pair, Suspect
-from bayescal.reporting import fleet_report
+from bayescal.reporting import exports, fleet_report
 from bayescal.reporting.gap import record as gap_file
 from bayescal.reporting.gap import summary
 from bayescal.reporting.page import build
+from bayescal.reporting.page import plan as plan_page
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared import origin
 
@@ -140,3 +146,71 @@ def test_every_number_of_a_fleet_is_shown():
     ((said,),) = (found for heading, found in fleet_report.findings(FLEET) if heading == "changed")
     assert "changed before session t" in said
     assert said.endswith("(26 comparisons)")
+
+
+# --- Records of plans, of verifications and of the priors of fleets.
+
+
+def test_every_number_of_a_plan_is_in_its_record_under_its_name(session, cube, monkeypatch):
+    plan = made_up_plan(cube(seed=1, count=60).dataset)
+    plan = replace(plan, clearance=np.linspace(0.01, 0.02, len(plan.purpose)))
+    monkeypatch.setattr(plan_page, "origin", lambda *given: {})
+    scalars = {key: getattr(plan, key) for key in ("equals_random", "next_u", "travel", "seconds")}
+    parts = {key: getattr(plan, key) for key in ("expected", "parameters", "detectable", "confusable")}
+    parts |= {key: getattr(plan, key) for key in ("observability", "observability_random", "clearance")}
+    curves = {
+        key: [{"contacts": n, "sd": u} for n, u in getattr(plan, key)] for key in ("curve", "curve_random")
+    }
+
+    def record(given):
+        points = {key: tuple((p["contacts"], p["sd"]) for p in given[key]) for key in curves}
+        return plan_page.plan_record(replace(plan, **given | points))
+
+    called = {
+        "expected.u": "distance_sd", "expected.u_random": "distance_sd_random", "next_u": "next_distance_sd",
+        "parameters.prior": "prior_u", "confusable.before": "lambda_before",
+        "confusable.after": "lambda_after", "noise": "shares_noise",
+    }  # fmt: skip
+    units = {
+        r"_mm": lambda x: 1e3 * x,
+        r"_um": lambda x: 1e6 * x,
+        r"^detectable": lambda x: np.concatenate([factor * x for _, factor in UNITS_OF_FILES]),
+    }
+    check_written(record, scalars | parts | curves, but=NAMES, called=called, units=units)
+
+
+UNITS_OF_FILES = (*EFFECT_UNITS.values(), ("um", 1e6))
+"""Of amplitudes: their unit is beside them."""
+
+
+def test_every_number_of_a_verification_is_in_its_record_under_its_name():
+    kinds = ("planes", "distances")
+    given = {
+        "levels": [
+            {"name": name, "rms": 1e-7 * k, "maximum": 3e-7 * k, "limit": 7e-7 * k}
+            for k, name in enumerate(("nominal", "geometry"), start=1)
+        ],
+        "missing": {"backlash": 2.5e-6},
+        "before": {kind: 11e-6 + 1e-6 * k for k, kind in enumerate(kinds)},
+        "after": {kind: 5e-6 + 1e-6 * k for k, kind in enumerate(kinds)},
+        "predicted": {kind: [21e-6 + 1e-6 * k, 31e-6 + 1e-6 * k] for k, kind in enumerate(kinds)},
+        "count": {kind: 13 + k for k, kind in enumerate(kinds)},
+    }
+
+    def record(given):
+        parts = {key: given[key] for key in ("before", "after", "predicted", "count")}
+        session = SimpleNamespace(measurements=SimpleNamespace(ids=("a",)))
+        arm = SimpleNamespace(effects=("geometry",), use=NOTHING, dataset=session)
+        levels = [SimpleNamespace(differences=[0], **level) for level in given["levels"]]
+        about = {"format": "urdf", "path": Path("arm.urdf"), "software": "MuJoCo", "state": 0, "passed": True}
+        gap = SimpleNamespace(before_is="nominal", **parts)
+        return exports.record(
+            SimpleNamespace(arm=arm, levels=levels, missing=given["missing"], gap=gap, **about)
+        )
+
+    called = {"maximum": "max_difference", "rms": "rms_difference", "backlash": "not_in_file_backlash"}
+    for kind in kinds:
+        called |= {f"{of}.{kind}": f"{of}_{kind}_rms" for of in ("before", "after")}
+        called |= {f"count.{kind}": f"{kind}_count"}
+        called |= {f"{kind}.first": f"{kind}_predicted_before", f"{kind}.second": f"{kind}_predicted_after"}
+    check_written(record, given, but="", called=called, units={r"_um": lambda x: 1e6 * x})
