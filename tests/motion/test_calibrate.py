@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from cases import terminal_text
+from influences import check_written, unseen
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -58,6 +59,19 @@ def test_expected_errors_are_noise_and_what_uncertain_parameters_add(null_estima
         assert [w.expected for w in found] == pytest.approx(expected, rel=1e-6)
         widths.append(np.array([np.ptp(w.interval95) / w.expected for w in found]))
     assert widths[0] / widths[1] == pytest.approx(np.full(3, np.sqrt(2.0)))
+
+
+def test_every_number_of_a_fit_is_in_its_record_under_its_name_and_is_printed(result, monkeypatch):
+    monkeypatch.setattr("bayescal.reporting.motion.record.software", lambda libraries: {})
+    fit, record = result.data, result.record
+    given = {key: getattr(fit, key) for key in ("parameters", "withheld", "determined", "shift")}
+    called = {"withheld.fitted": "rms", "shift": "torque_shift"}
+    units = {"_ms$": lambda x: 1e3 * x}
+    check_written(lambda given: fit_record(replace(fit, **given)), given, but="", called=called, units=units)
+    monkeypatch.setattr("bayescal.reporting.motion.fit.screen", lambda *parts: parts)
+    parts = {key: record[key] for key in ("parameters", "withheld", "determined", "torque_shift_ms")}
+    unprinted = r"parameters\.(interval95.*|prior_sd)"
+    assert not unseen(lambda parts: fit_summary(record | parts, verbose=True), parts, unprinted)
 
 
 def test_what_the_record_says_of_torque_and_parameters(result):
