@@ -397,6 +397,7 @@ SHEETS = {
     ("distances between",): ("predicted_distance.all", ("count", "lengths_mm", *EXPECTED)),
     ("distance",): ("validation.distances", (*DISTANCE, "predicted_sd_um", "predicted_interval95_um", None)),
     ("distances",): ("validation.distances", (*DISTANCE, "predicted_interval95_um", None)),
+    ("diameter of",): ("validation.diameters", (*DISTANCE, "predicted_interval95_um", None)),
     ("target",): (
         "validation.planes",
         ("count", "nominal_rms_um", "calibrated_rms_um", "calibrated_max_um", "predicted_rms_um"),
@@ -415,13 +416,25 @@ NOT_HERE = ("component", "measurand")
 FIGURE = re.compile(r"([+-]?\d+(?:\.(\d+))?)(?:\((\d+(?:\.\d+)?)\))?")
 
 
+NAMES = (
+    ("a", "b"),
+    ("id", "target", "role"),
+    ("target", "role"),
+    ("over",),
+    ("words",),
+    ("name",),
+    ("target",),
+)
+"""Keys of the first cells of the rows of a table."""
+
+
 def named(item):
     """The first cells of the rows of a record's item."""
     if "between" in item:
         return [f" {sign} ".join(item["between"]) for sign in "-–"]
     if "symbol" in item:
         return [f"{item['symbol']}: {item['name']}"]
-    for keys in (("a", "b"), ("id", "target", "role"), ("target", "role"), ("over",), ("words",), ("name",)):
+    for keys in NAMES:
         if all(key in item for key in keys):
             cells = [str(ROLES.get(item[key], item[key])) for key in keys]
             return ["|".join(cells), cells[0]]

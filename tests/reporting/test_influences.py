@@ -18,6 +18,7 @@ from bayescal.reporting import exports, fleet_report
 from bayescal.reporting.gap import record as gap_file
 from bayescal.reporting.gap import summary
 from bayescal.reporting.page import build
+from bayescal.reporting.page import fit as fit_page
 from bayescal.reporting.page import plan as plan_page
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared import origin
@@ -146,6 +147,41 @@ def test_every_number_of_a_fleet_is_shown():
     ((said,),) = (found for heading, found in fleet_report.findings(FLEET) if heading == "changed")
     assert "changed before session t" in said
     assert said.endswith("(26 comparisons)")
+
+
+# --- The page of a fit.
+
+ERRORS = {"certified_mm": 200.1, "nominal_error_um": 310.0, "calibrated_error_um": 12.5}
+ERRORS |= {"predicted_interval95_um": [-21.5, 17.5], "inside95": True}
+FACE = {
+    "target": "cube.+x",
+    "role": "validate",
+    "count": 8,
+    "nominal_rms_um": 410.0,
+    "calibrated_rms_um": 9.5,
+}
+FACE |= {"calibrated_max_um": 19.0, "predicted_rms_um": 7.25, "inside95_fraction": 0.875}
+EXPECTED = {"over": "the probed volume", "count": 1000, "lengths_mm": [51.0, 702.0], "predicted_rms_um": 11.0}
+EXPECTED |= {
+    "expanded_U_um": 22.0,
+    "k": 2.0,
+    "predicted_interval95_um": [-23.5, 24.5],
+    "measured_rms_um": 13.0,
+}
+OF_FIT = {
+    "validation": {
+        "planes": [FACE],
+        "distances": [ERRORS | {"between": ["ball.A", "ball.B"], "predicted_sd_um": 10.5}],
+        "diameters": [ERRORS | {"target": "ball.A"}],
+    },
+    "predicted_distance": {"all": [EXPECTED]},
+}
+
+
+def test_every_validated_number_of_a_fit_is_on_its_page():
+    """Errors of certified diameters were in fit.json alone."""
+    share = r"validation\.planes\.inside95_fraction"  # of each the errors themselves are shown
+    assert not unseen(lambda record: fit_page.distances(Run("fit", record, "run")), OF_FIT, share)
 
 
 # --- Records of plans, of verifications and of the priors of fleets.

@@ -56,6 +56,8 @@ DISTANCES = (
     Column("", "inside95", lambda inside: "within" if inside else "outside"),
 )
 """Of the entries `distances` of a record, as those below are of others."""
+DIAMETERS = (Column("diameter of", "target"), *DISTANCES[1:4], *DISTANCES[5:])
+"""Of the entries `diameters`, which have no u of their own."""
 SHORT_DISTANCES = (
     Column("distances", "between", " - ".join),
     *DISTANCES[1:4],

@@ -170,6 +170,7 @@ def distances(run: Run) -> Section | None:
         "Distances and validation",
         Sheet(sheets.PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
         Sheet(sheets.DISTANCES, ranked, "Errors of certified distances, the largest first", 10),
+        Sheet(sheets.DIAMETERS, validation["diameters"], "Errors of certified diameters", 10),
         Sheet(sheets.FACES, validation["planes"], "Validation contacts by target"),
         images_sheet(run.record),
     )
