@@ -7,8 +7,8 @@ import pytest
 from sessions import circumstances, tracker
 
 from bayescal.arm import chain as reference
-from bayescal.effects.location import BASE, Driver
-from bayescal.gap.search.measuring import beams, region
+from bayescal.effects.location import ARTEFACT, BASE, Driver
+from bayescal.gap.search.measuring import beams, pushed, region
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +82,17 @@ def test_points_of_an_instrument_are_off_in_one_region(session, away):
     size = np.linalg.norm((away - away.mean(axis=0) - 0.5 * away.std(axis=0)) / np.ptp(away, axis=0), axis=1)
     bump = np.exp(-((size / 0.3) ** 2))
     assert left_by(cell, bump[:, None] * [0.3, -0.5, 0.8], c.chain.base[:3, :3]) < 0.25
+
+
+def test_an_artefact_walks_away_from_its_contacts(cube):
+    """Each contact pushes it along the table: it is where all earlier ones have pushed it."""
+    c = circumstances(cube(seed=7, count=60).dataset)
+    (cell,) = (x for x in pushed(c) if x.site == ARTEFACT)
+    flange = reference.frames(c.chain, c.q)[:, -1, :3, :3]
+    walked, place = np.zeros((len(c.q), 3)), np.zeros(3)
+    for k in range(len(c.q)):
+        walked[k] = place if c.touching[k] else 0.0
+        if c.touching[k]:
+            place = place + (flange[k] @ c.approach[k]) * [1.0, 1.0, 0.0]
+    assert left_by(cell, walked, c.chain.base[:3, :3]) < 1e-12
+    assert list(pushed(circumstances(tracker(count=40).dataset))) == []
