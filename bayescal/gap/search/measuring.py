@@ -39,14 +39,17 @@ def pushed(c: Circumstances) -> Iterator[Cell]:
     aside = [tuple(q for f in _added(way, keep, order).T for q in move(f))
              for keep in CELLS.kept for move in movers(c)[TOOL]]  # fmt: skip
     yield Cell(TOOL, past, tuple(aside))
-    sets = list[tuple[Parameter, ...]]()
-    for name in dict.fromkeys(f.name.partition(".")[0] for f in c.faces):
-        rows = sum((f.rows for f in c.faces if f.name.partition(".")[0] == name), np.zeros(len(way)))
-        for keep in CELLS.kept:
-            moved = _added(rows[:, None] * ways, keep, order) @ c.chain.base[:3, :3] * rows[:, None]
-            terms = [Term(0, axis, d) for axis, d in zip(SHIFTS, moved.T, strict=True)]
-            sets += [(Parameter("", "m", tuple(of), CELLS.length),) for of in (terms, terms[:2])]
-            sets += [tuple(Parameter("", "m", (t,), CELLS.length) for t in of) for of in (terms, terms[:2])]
+    sets, on = list[tuple[Parameter, ...]](), dict[str, np.ndarray]()
+    for face in c.faces:  # an artefact has the first part of the names of its faces
+        name = face.name.partition(".")[0]
+        on[name] = on.get(name, 0.0) + face.rows[:, None]
+    table = ways * [1.0, 1.0, 0.0]
+    for rows, keep, along in itertools.product(on.values(), CELLS.kept, (ways, table)):
+        moved = rows * _added(rows * along, keep, order) @ c.chain.base[:3, :3]
+        terms = [Term(0, axis, d) for axis, d in zip(SHIFTS, moved.T, strict=True) if d.any()]
+        if terms:
+            sets += [(Parameter("", "m", tuple(terms), CELLS.length),)]
+            sets += [tuple(Parameter("", "m", (t,), CELLS.length) for t in terms)]
     yield Cell(ARTEFACT, past, tuple(sets))
 
 
