@@ -151,8 +151,8 @@ class CellSettings:
     """Half periods of a rough function of the order of the rows (assumed)."""
     clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
     """Width of the clearance of a base, in standard deviations of its gravity moment (assumed)."""
-    kept: tuple[float, ...] = (0.0, 0.5, 0.8, 1.0)
-    """Share of the displacement of a tool or an artefact that remains after each contact (assumed)."""
+    kept: tuple[float, ...] = (0.0, 0.5, 0.8)
+    """Share of a tool's displacement that remains after each contact (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
     few: int = 3  # contacts of its site that must be before a sudden change, and after it (assumed)
@@ -170,7 +170,6 @@ class UnknownSettings:
             "tool": 0.1,
             "probe": 0.2,
             "arm": 0.05,
-            "artefact": 0.05,
             "camera": 0.1,
             "board": 0.1,
         }

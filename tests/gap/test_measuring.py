@@ -7,8 +7,8 @@ import pytest
 from sessions import circumstances, tracker
 
 from bayescal.arm import chain as reference
-from bayescal.effects.location import ARTEFACT, BASE, Driver
-from bayescal.gap.search.measuring import beams, pushed, region
+from bayescal.effects.location import BASE, Driver
+from bayescal.gap.search.measuring import beams, region
 
 
 @pytest.fixture(scope="module")
@@ -82,20 +82,3 @@ def test_points_of_an_instrument_are_off_in_one_region(session, away):
     size = np.linalg.norm((away - away.mean(axis=0) - 0.5 * away.std(axis=0)) / np.ptp(away, axis=0), axis=1)
     bump = np.exp(-((size / 0.3) ** 2))
     assert left_by(cell, bump[:, None] * [0.3, -0.5, 0.8], c.chain.base[:3, :3]) < 0.25
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_an_artefact_walks_away_from_its_contacts(cube, turned):
-    """Each contact pushes it along the table: it is where all earlier ones have pushed it, in any base."""
-    c = circumstances(cube(seed=7, count=60).dataset)
-    turn = np.eye(4)[[1, 2, 0, 3]] if turned else np.eye(4)
-    c = replace(c, chain=replace(c.chain, base=turn @ c.chain.base))
-    (cell,) = (x for x in pushed(c) if x.site == ARTEFACT)
-    flange = reference.frames(c.chain, c.q)[:, -1, :3, :3]
-    walked, place = np.zeros((len(c.q), 3)), np.zeros(3)
-    for k in np.flatnonzero(c.touching):
-        walked[k] = place
-        place = place + (flange[k] @ c.approach[k]) * [1.0, 1.0, 0.0]
-    alike = replace(cell, sets=tuple(x for x in cell.sets if len(x) == 1))  # in all directions
-    assert left_by(alike, walked, c.chain.base[:3, :3]) < 1e-12
-    assert list(pushed(circumstances(tracker(count=40).dataset))) == []

@@ -355,7 +355,7 @@ def _each_axis(c: Circumstances, site: Site, functions: Functions) -> Iterator[t
 
 
 def remembering(c: Circumstances) -> Iterator[Cell]:
-    """A base on clearance."""
+    """A base on clearance, and a tool that earlier contacts have pushed aside."""
     order, sets = measured(c), list[tuple[Parameter, ...]]()
     for by in (t for t in tilts(c) if np.ptp(t.moment[c.fitted]) > 0):
         mine = by.moment[order] - np.median(by.moment[c.fitted])
@@ -363,6 +363,15 @@ def remembering(c: Circumstances) -> Iterator[Cell]:
         state[:, order] = slack(mine, np.array(CELLS.clearance) * np.std(by.moment[c.fitted]))
         sets += [(Parameter("", "rad", base_terms(c, "r", by.axis, s), CELLS.angle),) for s in state]
     yield Cell(BASE, Driver("base moment", form="past"), tuple(sets))
+    if not np.any(c.touching):
+        return
+    way, sets = np.where(c.touching[:, None], c.approach, 0.0), []
+    for keep in CELLS.kept:
+        past, aside = np.zeros_like(way), np.zeros(3)
+        for row in order:
+            past[row], aside = aside, keep * aside + way[row]
+        sets += [tuple(q for f in past.T for q in move(f)) for move in movers(c)[TOOL]]
+    yield Cell(TOOL, Driver("contact direction", form="past"), tuple(sets))
 
 
 def pointing(c: Circumstances) -> Iterator[Cell]:

@@ -10,10 +10,10 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
-from bayescal.effects.location import ARTEFACT, BASE, PROBE, TOOL, Driver
+from bayescal.effects.location import BASE, PROBE, Driver
 from bayescal.effects.probe import shapes
 from bayescal.estimate.families import lobes, unit_range
-from bayescal.gap.search.makers import SHIFTS, Cell, at_contact, measured, movers, smooth
+from bayescal.gap.search.makers import Cell, at_contact, movers, smooth
 from bayescal.gap.settings import CELLS
 
 
@@ -26,39 +26,6 @@ def probe(c: Circumstances) -> Iterator[Cell]:
     if c.speed is not None:
         waves = smooth(np.where(c.touching, c.speed, 0.0), c.fitted, 2)
         yield Cell(PROBE, Driver("contact speed"), (at_contact(on, waves),) if waves else ())
-
-
-def pushed(c: Circumstances) -> Iterator[Cell]:
-    """What earlier contacts have pushed aside: a tool in its frame, and the artefact that they touch."""
-    if not np.any(c.touching):
-        return
-    way, order = np.where(c.touching[:, None], c.approach, 0.0), measured(c)
-    flange = reference.frames(c.chain, c.q)[:, -1, :3, :3]
-    ways = np.einsum("nij,nj->ni", flange, way)
-    past = Driver("contact direction", form="past")
-    aside = [tuple(q for f in _added(way, keep, order).T for q in move(f))
-             for keep in CELLS.kept for move in movers(c)[TOOL]]  # fmt: skip
-    yield Cell(TOOL, past, tuple(aside))
-    sets, on = list[tuple[Parameter, ...]](), dict[str, np.ndarray]()
-    for face in c.faces:  # an artefact has the first part of the names of its faces
-        name = face.name.partition(".")[0]
-        on[name] = on.get(name, 0.0) + face.rows[:, None]
-    table = ways * [1.0, 1.0, 0.0]
-    for rows, keep, along in itertools.product(on.values(), CELLS.kept, (ways, table)):
-        moved = rows * _added(rows * along, keep, order) @ c.chain.base[:3, :3]
-        terms = [Term(0, axis, d) for axis, d in zip(SHIFTS, moved.T, strict=True) if d.any()]
-        if terms:
-            sets += [(Parameter("", "m", tuple(terms), CELLS.length),)]
-            sets += [tuple(Parameter("", "m", (t,), CELLS.length) for t in terms)]
-    yield Cell(ARTEFACT, past, tuple(sets))
-
-
-def _added(way: np.ndarray, keep: float, order: np.ndarray) -> np.ndarray:
-    """Sums (N, 3) of the directions (N, 3) of earlier rows, of which a share is kept from row to row."""
-    out, aside = np.zeros_like(way), np.zeros(3)
-    for row in order:
-        out[row], aside = aside, keep * aside + way[row]
-    return out / max(float(np.sqrt(np.mean(out**2))), 1.0)
 
 
 def region(c: Circumstances) -> Iterator[Cell]:
@@ -166,5 +133,5 @@ def faces(c: Circumstances) -> Iterator[Cell]:
         yield Cell(site, Driver("face"), (form,), of_known_effect="plane-form" in EFFECTS)
 
 
-MEASURING = (probe, pushed, region, beams, faces)
+MEASURING = (probe, region, beams, faces)
 """Functions that list the cells of what measures, in the order of the cells."""
