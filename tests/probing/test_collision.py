@@ -13,7 +13,7 @@ from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Tool, read_dataset
 from bayescal.errors import BayescalError
-from bayescal.probing.clearance import Clearance, path_free, retracted
+from bayescal.probing.clearance import CLEAR, Clearance, path_free, retracted
 from bayescal.probing.scene import Scene, Solid, arm_capsules, link_radii, on_table, scene_of
 from bayescal.probing.sweep import signed_distances
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
@@ -433,3 +433,12 @@ def test_joints_that_may_be_off_take_no_more_than_they_move_the_arm():
     touched = np.zeros(1, int)
     sure, off = (clearance.closest(begin, end, 1e-3, touched, s) for s in (None, slack))
     assert 0.0 <= sure[0] - off[0] < 1.5 * slack.sum()  # m: no point is 1.5 m from an axis
+
+
+@pytest.mark.parametrize("name", builtin_robots())
+def test_an_arm_can_keep_its_clearance_from_itself(name):
+    """A link beside a base, or a long tool beside a wide forearm, is nearer in every configuration."""
+    clearance = Clearance.of(load_robot(name)[0], replace(TOOL, ball_radius=None))
+    readings = clearance._sample
+    free = clearance.hits(readings, readings, CLEAR) == 0
+    assert np.mean(free) > 0.3
