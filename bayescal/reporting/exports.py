@@ -155,7 +155,8 @@ def _worse_words(v: Verification) -> str:
     """What is worse with the file, and what to do; "" for nothing."""
     if v.gap is None or not (kinds := _worse(v.gap)):
         return ""
-    each = listed([f"{kind} ({um(v.gap.after[kind])} µm, {um(v.gap.before[kind])} before)" for kind in kinds])
+    sizes = {kind: [um(per_vector(kind, 3) * e[kind]) for e in (v.gap.after, v.gap.before)] for kind in kinds}
+    each = listed([f"{kind} ({after} µm, {before} before)" for kind, (after, before) in sizes.items()])
     words = f"the file has larger errors than before ({v.gap.before_is}): {each}"
     less = shlex.quote(",".join(v.missing))
     remedy = f"; export to a format that holds these effects, or with --without {less}"

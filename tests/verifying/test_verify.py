@@ -17,7 +17,10 @@ import bayescal as bc
 from bayescal.cli import app
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
-from bayescal.verifying.gap import read_reported
+from bayescal.public.results import as_text
+from bayescal.reporting.exports import report
+from bayescal.verifying.gap import Gap, read_reported
+from bayescal.verifying.result import verify
 from bayescal.verifying.simulator import TOGETHER, Level, limit
 
 
@@ -214,6 +217,16 @@ def test_a_file_that_is_worse_than_the_arm_before_says_so(run, urdf):
     text = " ".join(str(lacking).split())
     assert "the file has larger errors than before (nominal): distances (" in text
     assert "export to a format that holds these effects, or with --without compliance" in text
+
+
+def test_a_remark_and_the_table_give_points_the_same_errors(run, urdf):
+    """Both are RMS lengths of the error vector, and the record has its coordinates."""
+    v = verify(run / "fit", urdf)
+    sizes = {"points": 1e-4}, {"points": 2e-4}
+    gap = Gap("nominal", {"points": 9}, *sizes, {"points": (1e-4, 1e-4)})
+    text = " ".join(as_text(report(replace(v, gap=gap))).split())
+    assert "points (346 µm, 173 before)" in text
+    assert "points 9 173 346 173 173" in text
 
 
 SIDECARS = {
