@@ -56,7 +56,10 @@ def practice(setup: Setup, options: Options) -> Simulated:
     planned = _planned(setup, options)
     role = planned.measurements.role
     every = replace(planned, measurements=replace(planned.measurements, role=np.full(len(role), "calibrate")))
-    model = _arm(every, options)
+    try:
+        model = _arm(every, options)
+    except BayescalError as error:
+        raise BayescalError(error.what, "--effects", error.remedy) from None
     z = _targets(model, options)
     exact, noise = _measured(every, model, z, options)
     m = exact.measurements

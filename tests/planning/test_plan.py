@@ -487,6 +487,13 @@ def test_the_same_seed_is_the_same_session(folder):
     assert not np.allclose(one.readings, other.readings)
 
 
+def test_an_arm_without_masses_names_the_option_that_is_wrong(tmp_path):
+    bc.init(tmp_path / "setup", "fanuc-m20ia", "tracker")
+    with pytest.raises(BayescalError, match="--effects: compliance cannot be judged"):
+        bc.simulate(setup=tmp_path / "setup", **OPTIONS)
+    assert bc.simulate(setup=tmp_path / "setup", effects="geometry", **OPTIONS).dataset.measurements.ids
+
+
 def test_what_a_setup_states_is_refused_as_an_option(folder, tmp_path, command):
     path = folder("cube")
     with pytest.raises(BayescalError, match="a set-up states noise itself"):
