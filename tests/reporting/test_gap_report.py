@@ -396,9 +396,10 @@ def test_nothing_is_listed_that_validation_does_not_show(session):
     text = " ".join(printed(replace(gap, verdict=replace(gap.verdict, missing=missing))).split())
     assert "latency: not detectable" in text
     assert text.count(f"{spot},") == 1
-    # no share of an excess that validation does not show
+    # no share of an excess that is not significant
     assert gap_record(gap)["where"][0]["share"] is not None
-    none = replace(gap, magnitude=replace(gap.magnitude, excess=0.0))
+    doubtful = 0.0, gap.magnitude.excess_interval95[1]
+    none = replace(gap, magnitude=replace(gap.magnitude, excess_interval95=doubtful))
     assert {w["share"] for w in gap_record(none)["where"]} == {None}
 
 

@@ -132,12 +132,12 @@ def _magnitude(m: result.Magnitude) -> dict[str, Any]:
 
 
 def _place(w: result.Place, gap: result.Gap) -> dict[str, Any]:
-    """A location; its share is of the excess of the fitted contacts, and none where validation shows none."""
+    """A location; its share is of the excess of the fitted contacts, None if validation shows none."""
     return (
         entry(w, "site", "driver")
         | {"text": place(w, gap.dataset)}
         | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
-        | ({} if gap.magnitude.excess > 0 else {"share": None})
+        | ({} if gap.magnitude.excess_interval95[0] > 0 else {"share": None})
         | {"explained_by": w.explained_by or None}
     )
 
