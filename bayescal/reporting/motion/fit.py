@@ -43,7 +43,7 @@ from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled, whole
 from bayescal.storage.reading import Json
-from bayescal.verifying.log import LogVerification
+from bayescal.verifying.log import SLIDING, LogVerification
 
 SCHEMA = "bayescal-fit/1"
 FIT, POSTERIOR = "fit.json", "posterior.nc"
@@ -251,7 +251,8 @@ def verify_summary(v: LogVerification) -> RenderableType:
     """Torque errors of withheld motions in the simulator, joint by joint."""
     errors = (map(newton_metres, x) for x in (v.nominal, v.fitted))
     rows = list(zip(v.joints, *errors, map("{:.1e}".format, v.difference), strict=True))
-    headings = ("torque residual in the simulator (N m RMS)", "nominal", "fitted", "simulator - model")
+    what = f"torque residual in the simulator, joints faster than {SLIDING} rad/s (N m RMS)"
+    headings = (what, "nominal", "fitted", "simulator - model")
     no, colour = ("", "green") if v.passed else ("not ", "red")
     verdict = Text(f"the file is {no}the arm that was fitted", f"bold {colour}")
     title = Text.assemble((v.name, "bold"), f"  {v.path} in {v.software}, {v.rows} rows of withheld motions")
