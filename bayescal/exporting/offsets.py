@@ -76,7 +76,7 @@ def undetermined(arm: FittedArm, covariance: np.ndarray) -> list[str]:
     """A note on the joints whose zeros, of covariance (n, n), are not identifiable."""
     variances = zip(arm.dataset.robot.joint_names, np.diag(covariance), strict=True)
     named = [name for name, variance in variances if variance <= 0.0]
-    return [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
+    return [f"not identifiable, without correction: the zero of {', '.join(named)}"] if named else []
 
 
 def _table(arm: FittedArm, options: Options) -> Written:

@@ -39,7 +39,7 @@ MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
 STEPS = {
     "gap": "find the cause in the machine",
     "samples": "repeat with another --seed or with --samples 0; the posterior is not converged",
-    "measure": "measure more in other poses (bayescal plan --after), as the warnings say; then fit again",
+    "measure": "measure more in other poses (bayescal plan --after; see the warnings), then fit again",
     "scale": "check certified lengths and the size of the board: by these, all links are longer or shorter",
     "validate": "add measurements with role validate, best of certified distances; then fit again",
     "use": "use robot.yaml of the run folder, or export the arm",
