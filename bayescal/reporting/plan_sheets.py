@@ -218,7 +218,7 @@ def contacts(plan: Plan) -> Sheet:
 
 
 AIMS = {DISTANCES: "for distances", GAP: "for the gap", BOTH: "for distances and the gap"}
-IF_RIGHT = "assuming the model is correct"
+IF_RIGHT = "assuming that model and stated noise are correct"
 FURTHER = 20
 """Further contacts of `Plan.next_u`."""
 

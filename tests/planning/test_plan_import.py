@@ -270,7 +270,8 @@ def shown(plan, width=200):
 
 def test_the_summary_states_cost_and_gain(reported_plan):
     text = shown(reported_plan)
-    assert "Expected U = 9.8 µm (k = 2) of 15 certified distances, assuming the model is correct" in text
+    assert "Expected U = 9.8 µm (k = 2) of 15 certified distances, assuming that model" in text
+    assert "model and stated noise are correct" in text
     assert "Equivalent to about 460 random contacts" in text
     assert "20 contacts more: U = 9.6 µm (2.0 % less)" in text
     assert "200 distances in the volume of interest" in text
