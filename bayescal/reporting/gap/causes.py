@@ -98,7 +98,7 @@ CAUSES = {
     ),
     ("face", "beam", "to and fro"): (
         "{site} reads wrong in waves of its distances or its angles",
-        "Check its distances on known lengths, and its encoders by readings in two faces.",
+        "Check its distances on known lengths, and its encoders in front sight and back sight.",
     ),
     ("board", "board", "heights"): (
         "the points of {site} are not in one plane, in another form than a bow",
