@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from camera_sessions import camera_session
 from sessions import circumstances, tracker
 
 from bayescal.arm import chain as reference
@@ -69,9 +70,11 @@ def test_an_instrument_reads_wrong_by_its_distance_and_its_angles(session, away,
 
 
 def test_only_an_instrument_has_a_beam(cube):
-    c = circumstances(cube(seed=7, count=60).dataset)
-    assert list(beams(c)) == []
-    assert {cell.site.kind for cell in region(c)} == {"probe"}
+    contacts, images = (
+        circumstances(d) for d in (cube(seed=7, count=60).dataset, camera_session(images=8, seed=1))
+    )
+    assert [*beams(contacts), *beams(images), *region(images)] == []
+    assert {cell.site.kind for cell in region(contacts)} == {"probe"}
 
 
 def test_points_of_an_instrument_are_off_in_one_region(session, away):

@@ -45,9 +45,9 @@ def region(c: Circumstances) -> Iterator[Cell]:
         products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
         yield Cell(PROBE, Driver("workspace"), (at_contact(on, [*u.T, *products]),))
         yield Cell(PROBE, local, tuple(at_contact(on, [s]) for s in seen))
-    if not np.all(c.touching[c.fitted]):
-        (base,) = movers(c)[BASE]
-        yield Cell(BASE, local, tuple(tuple(p for p in base((1.0 - on) * s) if p.unit == "m") for s in seen))
+    if instruments := _instruments(c):
+        (base,), read = movers(c)[BASE], np.sum([rows for _, rows, _ in instruments], axis=0)
+        yield Cell(BASE, local, tuple(tuple(p for p in base(read * s) if p.unit == "m") for s in seen))
 
 
 def beams(c: Circumstances) -> Iterator[Cell]:
@@ -56,7 +56,7 @@ def beams(c: Circumstances) -> Iterator[Cell]:
     It reads these, as a joint reads its angle: warm air in one direction, a cyclic error of the distance,
     the eccentricity of an encoder.
     """
-    for name, rows, place in c.instruments:
+    for name, rows, place in _instruments(c):
         mine = c.fitted[rows[c.fitted] > 0]
         if len(mine) < CELLS.fewest:
             continue
@@ -76,6 +76,12 @@ def beams(c: Circumstances) -> Iterator[Cell]:
                 waves.append(_shifted(rows, along[k], [np.sin(phase), np.cos(phase)]))
         for form, sets in (("", smoothly), ("one place", local), ("to and fro", waves)):
             yield Cell(location.face(name), Driver("beam", form=form), tuple(sets))
+
+
+def _instruments(c: Circumstances) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Instruments that are no cameras, as `Circumstances.instruments`: these have cells of their images."""
+    views = {v.name for v in c.views}
+    return [one for one in c.instruments if one[0] not in views]
 
 
 def _points(c: Circumstances) -> np.ndarray:
