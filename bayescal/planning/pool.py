@@ -28,7 +28,7 @@ from bayescal.estimate.estimate import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.options import FitOptions, Part
-from bayescal.probing.clearance import CLEAR
+from bayescal.probing.motions import CLEAR
 from bayescal.probing.scene import Scene as SolidScene
 from bayescal.probing.scene import scene_of
 

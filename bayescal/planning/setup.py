@@ -18,7 +18,7 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.planning.pool import CONE, Setup
-from bayescal.probing.clearance import CLEAR
+from bayescal.probing.motions import CLEAR
 from bayescal.probing.scene import artefacts, box_of, table_height, up_of
 from bayescal.robots import Loaded
 

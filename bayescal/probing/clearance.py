@@ -28,9 +28,6 @@ NEAR_EYE, ALONG = 0.06, 40
 """m of a line of sight at both ends that camera and board may have, and points of it that are checked."""
 STILL = 1e-9
 """m: a distance that varies by less does not change with the arm."""
-CLEAR = 5e-3
-"""m: smallest clearance of motions where none is stated (assumed: some times what an arm that is not
-calibrated is off)."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +172,7 @@ class Clearance:
     def _self_pairs(self) -> tuple[tuple[int, int], ...]:
         """Pairs of capsules of the arm that can collide: not on the same or the next link, nor neighbours.
 
-        Nor pairs whose distance does not change with the arm, or is nowhere `CLEAR`: no motion avoids them.
+        Nor pairs whose distance does not change with the arm: no motion brings them together.
         """
         last = self.arm.robot.n  # the flange does not move against the last link
         out = []
@@ -183,7 +180,7 @@ class Clearance:
             for a, first in enumerate(self.capsules[:b]):
                 if min(second.frame, last) - min(first.frame, last) > 1:
                     away = self._anywhere(Pair(a, second, other=b))
-                    if np.mean(away < 0) <= ALWAYS and np.max(away) >= CLEAR and np.ptp(away) >= STILL:
+                    if np.mean(away < 0) <= ALWAYS and np.ptp(away) >= STILL:
                         out.append((a, b))
         return tuple(out)
 

@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.inverse import LEVER, PASSES, descend, to_frames
 from bayescal.arm.transforms import cone, rpy_matrix
 from bayescal.dataset.types import Dataset
-from bayescal.probing.clearance import CLEAR, RETRACT, Clearance, path_free
-from bayescal.probing.motions import Arm, Place, inverse
+from bayescal.probing.clearance import RETRACT, Clearance, path_free
+from bayescal.probing.motions import CLEAR, Arm, Place, inverse
 from bayescal.probing.scene import Scene, held_by
 
 SPEED = 5e-3  # m/s of the ball when it touches

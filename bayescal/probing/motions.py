@@ -150,6 +150,9 @@ def inverse(
     return arm.readings_of(angles), solved
 
 
+CLEAR = 5e-3
+"""m: smallest clearance of motions where none is stated (assumed: some times what an arm that is not
+calibrated is off)."""
 RATE = np.radians(45.0)
 """rad/s, m/s: mean velocity of a joint between contacts (assumed: a quarter of that of a small arm)."""
 NODES = 1500  # random configurations, of which the motion may pass some

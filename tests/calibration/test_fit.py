@@ -136,7 +136,7 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
     for p, z in zip(parameters, found.z[: len(parameters)], strict=True):
         off[p.effect].append(abs(z))
     assert max(off["geometry"]) < 0.2
-    assert max(off["tool"]) > 0.05  # it still is as drawn
+    assert max(off["tool"]) > 0.05  # it still is nominal
 
 
 def test_summary_reads_in_ten_seconds(written):
