@@ -16,13 +16,11 @@ import numpy as np
 from scipy.signal import correlate
 from scipy.special import gammaln, logsumexp
 
-from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form, joint
 from bayescal.motion.linear import Fit, Sparse, predicted
 from bayescal.motion.noise import Noise
-from bayescal.motion.pool import Pool, Unlisted
-from bayescal.motion.products import Bank, Dots, Gains, Product, averaged, consecutive
-from bayescal.motion.quantities import Argument
+from bayescal.motion.pool import Bank, Dots, Gains, Pool, Product, Unlisted, averaged, consecutive
+from bayescal.motion.quantities import UNKNOWN, Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
 from bayescal.motion.settings import EVENTS, NOISE, PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import Signals, root_mean_square

@@ -9,21 +9,20 @@ draw, and their mean, is an arm that could be built.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
-from bayescal.motion.estimate import Estimate, estimate_of, moved_to, of_role
+from bayescal.motion.controller import with_torques
+from bayescal.motion.estimate import Estimate, estimate_of, fitted_mechanism, moved_to, of_role
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, spread
-from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, each, root_mean_square, where_moving
 from bayescal.motion.terms import BODY, Operating, nominal
-from bayescal.robots.schema import SIX
 from bayescal.storage.stopping import Progress, silent
 
 
@@ -180,17 +179,6 @@ def nominal_values(start: Operating) -> dict[str, float]:
     out = {f"{part} of link {k + 1}": start.bodies[k, p] for k in joints for p, part in enumerate(BODY)}
     out |= {f"{stem} {k + 1}": getattr(start, stem)[k] for stem in NOT_NEGATIVE for k in joints}
     return out | {"alignment": start.shift[0]}
-
-
-def fitted_mechanism(m: Mechanism, model: Operating, servo: bool) -> Mechanism:
-    """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
-    mass, centre, inertia = model.bodies[:, 0], model.bodies[:, 1:4], model.bodies[:, 4 + SIX]
-    by = model.gain if servo else 1.0
-    return replace(
-        m, mass=mass, centre=centre, inertia=inertia, armature=model.armature / by,
-        coulomb=model.coulomb / by, viscous=model.viscous / by,
-        transition=float(np.exp(np.mean(np.log(model.transition)))),
-    )  # fmt: skip
 
 
 def _withheld(

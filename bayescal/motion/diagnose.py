@@ -1,8 +1,14 @@
-"""The diagnosis of a log: which effects explain what the baseline leaves, where, and how errors shrink."""
+"""The diagnosis of a log: which effects explain what the baseline leaves, where, and how errors shrink.
+
+Its result as frozen records, in SI. What to log next, so that a cause that is left open shows itself: what a
+person does for each quantity.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,20 +16,147 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.beside import beside, simplified
+from bayescal.motion.controller import with_torques
 from bayescal.motion.effects import EFFECTS, Form
-from bayescal.motion.estimate import estimate_of, noise_about
+from bayescal.motion.estimate import Estimate, estimate_of, noise_about
 from bayescal.motion.linear import Fit, Normal, joined, normal
-from bayescal.motion.named import named_arm
-from bayescal.motion.next_logs import to_do
 from bayescal.motion.pool import Pool
-from bayescal.motion.result import Amplitude, Course, MotionGap, Place, Shrinkage
-from bayescal.motion.search import Member, Search
-from bayescal.motion.servo import with_torques
+from bayescal.motion.possible import NamedArm, named_arm
+from bayescal.motion.search import Member, Search, Verdict, confirmed, decide
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import root_mean_square as rms
 from bayescal.motion.signals import where_moving
-from bayescal.motion.verdict import Verdict, confirmed, decide
 from bayescal.storage.stopping import Progress, silent
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect, or an unknown cause, acts, and its part of the torque residuals."""
+
+    form: Form
+    nats: float  # that the leading set loses without it; of others, gain over noise only
+    kind: str  # of the residuals in which it is shown, see `bayescal.motion.terms`
+    rms: float  # N m or rad, by which it changes what is left of calibration motions, in its largest joint
+    joint: int  # of that, from 0
+    explained_by: str  # the named effect, or ""
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """The amplitude of a named effect at one site, SI."""
+
+    form: Form
+    value: float  # of several components the length of the vector
+    u: float
+    unit: str
+    components: Mapping[str, tuple[float, float]]  # by name, with u; () of a single one
+    relevant: bool  # whether the withheld error shrinks by `OUTCOME.relevant`
+    removed: float  # share by which the withheld RMS of the joint with most shrinks
+
+
+@dataclass(frozen=True)
+class Course:
+    """Torque residuals of the withheld motion with most error, N m, at some of its rows; NaN at rest."""
+
+    motion: str
+    time: np.ndarray  # (R,) s since the motion began
+    before: np.ndarray  # (R, n)
+    after: np.ndarray
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """RMS of the torque residuals on moving rows of validation motions, N m, by joint (n,)."""
+
+    before: np.ndarray
+    after: np.ndarray
+    floor: np.ndarray  # of the noise, from calibration motions
+    removed: float  # share of the excess variance, over all joints in units of the noise; nan without excess
+    removed_interval95: tuple[float, float]
+    gain: float  # log predictive density of the validation motions, nats, over the baseline
+    course: Course
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Errors of withheld motions that a simulator moves by the logged commands, on moving rows."""
+
+    rms: np.ndarray  # (n,) rad, of positions
+    torque: np.ndarray  # (n,) N m
+    blocks: np.ndarray  # (B, n) rad2, mean squares of parts of the motions
+    motions: int  # that were simulated
+
+    def removed(self, before: Tracking) -> tuple[float, tuple[float, float]]:
+        """Share of the mean square of all joints that an arm has less than another, and its 95 % interval."""
+        first, last = before.blocks.sum(axis=1), self.blocks.sum(axis=1)
+        picked = np.random.default_rng(0).integers(0, len(first), (OUTCOME.draws, len(first)))
+        draws = 1.0 - last[picked].sum(axis=1) / first[picked].sum(axis=1)
+        low, high = np.quantile(draws, (0.025, 0.975))
+        return float(1.0 - last.sum() / first.sum()), (float(low), float(high))
+
+
+@dataclass(frozen=True)
+class MotionGap:
+    """A diagnosis of a joint log."""
+
+    estimate: Estimate
+    verdict: Verdict
+    where: tuple[Place, ...]
+    amplitudes: tuple[Amplitude, ...]
+    shrinkage: Shrinkage
+    hypotheses: tuple[tuple[tuple[str, ...], float, float], ...]  # effects, probability, nats; best first
+    not_assessed: Mapping[str, str]  # by effect, why
+    advice: tuple[str, ...]
+    values: Mapping[str, float]  # of all terms of the model with the names
+    u: Mapping[str, float]
+    warnings: tuple[str, ...]
+    model: NamedArm  # without effects
+    arm: NamedArm  # with the named ones
+    tracking: Mapping[str, Tracking] | str = ""  # of arms nominal, model, effects; or why there is none
+
+
+PAUSE = "log one motion after a pause of a minute, and again at once after other motions"
+WARM = "log one motion cold, and again after 20 minutes of motion"
+SMALL = "move {who} alone, slowly, with reversals of 0.1, 1 and 10 deg, and from rest"
+TO_DO = (
+    ("waves a turn", "move {who} alone, slowly, over its whole range in both directions, twice"),
+    ("oscillation", "log one motion at half and at full speed, and look for what swings, as a stand"),
+    ("since the reversal", SMALL),
+    ("since the start", SMALL),
+    ("time since the motion began", PAUSE),
+    ("time within a motion", PAUSE),
+    ("single events", "log one motion three times: events of the arm come back at one place"),
+    ("rate of torque times", "log torque and position of one message, or with stamps of one clock"),
+    ("force on the tool", "log one motion with the cables and hoses of the tool, and again without them"),
+    ("earlier torque", "hold {who} for 10 s in poses of low and high torque, and move it slowly from each"),
+    ("change of torque", "move {who} alone, to and fro about poses of low and of high torque"),
+    ("side of the torque", "move {who} alone through poses in which its torque changes sign"),
+    ("temperature", WARM),
+    ("heat", WARM),
+    ("power", "log one motion at half and at full speed, with and without a payload"),
+    ("payload", "log one motion with and without the payload, in turn"),
+    ("time", "log one motion at the beginning, in the middle and at the end of a log"),
+    ("motion", "log one motion three times, each time after another motion"),
+    ("acceleration", "log one motion of {who} at half and at full speed"),
+    ("speed", "move {who} alone at three speeds, in both directions"),
+    ("angle of joint", "move {who} alone, with {other} at three angles"),
+    ("angle", "move {who} alone, slowly, over its whole range in both directions"),
+    ("torque", "log one motion of {who} from other poses, in which gravity loads it more and less"),
+    (".*", "move {who} alone at constant speed, in both directions"),
+)
+"""Words in the name of a quantity, a regular expression, and what a person does; the first counts. `who` is
+the joint of the error, `other` another one whose angle it depends on."""
+
+
+def to_do(form: Form) -> str:
+    """What to log, for an error that varies with a quantity at a site."""
+    who = form.site if form.site.startswith("joint ") else "each joint"
+    of = re.search(r"\bof (joint \d+)", form.driver)
+    other = of[1] if of else who
+    driver = form.driver.replace(f" of {other}", "") if other == form.site else form.driver
+    what = next(text for words, text in TO_DO if re.search(rf"\b{words}\b", driver))
+    site = f" at {form.site}" if who == form.site else ""
+    return f"{what.format(who=who, other=other)} (to tell what varies with {form.driver}{site})"
 
 
 def diagnose(log: Log, progress: Progress = silent) -> MotionGap:

@@ -1,9 +1,10 @@
-"""Rigid-body torques of a serial arm, linear in the inertial parameters of its bodies."""
+"""Torques of a serial arm: of rigid bodies, linear in inertial parameters, and of friction in servos."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from bayescal.arm.transforms import compiled
 from bayescal.logs import Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
 from factors.kind import cross_matrix
@@ -86,3 +87,56 @@ def payload_of(m: Mechanism) -> np.ndarray:
 def carried(by: np.ndarray, inertials: np.ndarray, m: Mechanism, payload: np.ndarray) -> np.ndarray:
     """Torques (N, n) of bodies with `inertials` (n, 10) and of a payload (N,), kg, by their `regressor`."""
     return np.einsum("njkp,kp->nj", by, inertials) + by[:, :, -1] @ payload_of(m) * payload[:, None]
+
+
+SUBSTEPS = 8
+"""Of the integration of a joint between two rows (assumed)."""
+
+
+@compiled()
+def stuck(
+    command: np.ndarray, load: np.ndarray, drive: np.ndarray, first: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Friction of servos that follow commands, by an implicit integration of each joint.
+
+    Parameters
+    ----------
+    command, load : np.ndarray, shape (N, n)
+        rad; N m, of links and payload.
+    drive : np.ndarray, shape (4, n)
+        Stiffness, Coulomb and viscous friction, inertia of the rotor; SI, positive.
+    first : np.ndarray, shape (n,)
+        Positions at the first row, where the joints rest.
+    step : float
+        s, between rows.
+
+    Returns
+    -------
+    tuple of np.ndarray, shape (N, n)
+        Friction over its largest, -1 to 1; the side on which it was largest last; whether the joint moves.
+    """
+    rows, n = command.shape
+    out, side, moving = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n))
+    small = step / SUBSTEPS
+    for j in range(n):
+        stiffness, most, viscous, inertia = drive[:, j]
+        heavy = viscous + stiffness * small + inertia / small
+        q, v, last, held = first[j], 0.0, 0.0, 0.0
+        for k in range(rows):
+            before = max(k - 1, 0)
+            went = 0.0
+            for part in range(1, SUBSTEPS + 1):
+                x = part / SUBSTEPS
+                u = command[before, j] + x * (command[k, j] - command[before, j])
+                w = load[before, j] + x * (load[k, j] - load[before, j])
+                pull = stiffness * (u - q) - w + inertia / small * v
+                if pull > most:
+                    held, last, v = most, 1.0, (pull - most) / heavy
+                elif pull < -most:
+                    held, last, v = -most, -1.0, (pull + most) / heavy
+                else:
+                    held, v = pull, 0.0
+                went += 1.0 if v != 0.0 else 0.0
+                q += small * v
+            out[k, j], side[k, j], moving[k, j] = held / most, last, went / SUBSTEPS
+    return out, side, moving

@@ -16,9 +16,8 @@ from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
 from bayescal.logs.types import LINK, SERVO, TRACKING
 from bayescal.motion.dynamics import carried, payload_of
-from bayescal.motion.filters import derivative
 from bayescal.motion.settings import FORMS
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, derivative
 from bayescal.motion.terms import ALL, BODY, UNITS, Operating, Term, channel, prior_of_body, slopes_of
 
 TOOL, BASE, LOG = "tool", "base", "log"

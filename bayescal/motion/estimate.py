@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.logs import Log
+from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
 from bayescal.motion.controller import with_controller
-from bayescal.motion.filters import Bands
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE, SIGNALS
-from bayescal.motion.signals import Signals, all_signals, each
+from bayescal.motion.signals import Bands, Signals, all_signals, each
 from bayescal.motion.terms import (
     BODY,
     FORM,
@@ -28,6 +27,7 @@ from bayescal.motion.terms import (
     nominal,
     residuals,
 )
+from bayescal.robots.schema import SIX
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,17 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
         start.bodies + np.array(deltas), start.armature + each("armature"), start.coulomb + each("coulomb"),
         start.viscous + each("viscous"), start.offset + each("offset"), start.transition * slower,
         start.shift + values.get("alignment", 0.0), start.gain + each("constant"),
+    )  # fmt: skip
+
+
+def fitted_mechanism(m: Mechanism, model: Operating, servo: bool) -> Mechanism:
+    """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
+    mass, centre, inertia = model.bodies[:, 0], model.bodies[:, 1:4], model.bodies[:, 4 + SIX]
+    by = model.gain if servo else 1.0
+    return replace(
+        m, mass=mass, centre=centre, inertia=inertia, armature=model.armature / by,
+        coulomb=model.coulomb / by, viscous=model.viscous / by,
+        transition=float(np.exp(np.mean(np.log(model.transition)))),
     )  # fmt: skip
 
 

@@ -1,7 +1,11 @@
-"""Quantities of a log on which an unknown error may depend, with functions of each, at rows that are kept.
+"""Functions of the quantities of a log, for causes that are not in the list.
 
-They are functions of low-passed signals, not low-passed functions: what they describe is only known to be
-some function, and so a thousand of them cost little.
+A cause that is in no list still is a function of something: an angle, a speed, a load, the time, the way that
+a joint has come. Each *cell* is a site, an argument and a few columns, low-passed as those of an effect.
+
+Quantities on which an unknown error may depend beside them are functions of low-passed signals, not
+low-passed functions: what they describe is only known to be some function, and so a thousand of them cost
+little.
 """
 
 from __future__ import annotations
@@ -12,11 +16,140 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from bayescal.motion.cells import Ranges, presliding, resonated, smooth
-from bayescal.motion.effects import Waves
-from bayescal.motion.settings import FORMS, PRODUCTS, SEARCH
-from bayescal.motion.signals import Signals
+from bayescal.arm.transforms import compiled
+from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, Waves, joint
+from bayescal.motion.settings import CELLS, FORMS, PRODUCTS, SEARCH
+from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
+
+UNKNOWN = "unknown"
+
+
+def smooth(x: np.ndarray, bounds: np.ndarray, count: int) -> list[np.ndarray]:
+    """The first cosines (N,) over a range (2,) of x, each half a period more than the last."""
+    low, high = bounds
+    u = np.clip((x - low) / max(high - low, 1e-12), 0.0, 1.0)
+    return [np.cos(np.pi * k * u) for k in range(1, count + 1)]
+
+
+class Ranges:
+    """Ranges over all motions, of what cells are functions of."""
+
+    def __init__(self, parts: tuple[Signals, ...], model: Operating) -> None:
+        def bounds(x: list[np.ndarray]) -> np.ndarray:
+            whole = np.concatenate(x)
+            return np.array([np.min(whole, axis=0), np.max(whole, axis=0)])
+
+        def usual(x: list[np.ndarray]) -> np.ndarray:
+            return np.maximum(np.sqrt(np.mean(np.concatenate(x) ** 2, axis=0)), 1e-9)
+
+        self.angle = bounds([s.q for s in parts])  # (2, n)
+        self.speed = bounds([s.dq for s in parts])
+        self.time = bounds([s.time for s in parts])  # (2,)
+        count = min(len(parts), CELLS.groups)
+        self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
+        loads, powers = [], []
+        for s in each(parts):  # a long log forgets its torques
+            loads.append(model.load(s))
+            powers.append(float(np.mean(np.abs(np.sum(model.torque(s) * s.dq, axis=1)))))
+        self.load, self.usual_load = bounds(loads), usual(loads)
+        self.usual_speed = usual([s.dq for s in parts])
+        self.usual_acceleration = usual([s.ddq for s in parts])
+        self.usual_power = max(float(np.mean(powers)), 1e-9)
+        every = len(parts) * SEARCH.pieces
+        self.count = min(every, SEARCH.most_pieces)
+        numbers = np.arange(every).reshape(len(parts), -1) * self.count // every
+        self.pieces = {s.name: row.tolist() for s, row in zip(parts, numbers, strict=True)}
+        self.loaded = any(np.any(s.payload > 0.0) for s in parts)
+
+
+def cells(s: Signals, model: Operating, scale: Scale, r: Ranges) -> Iterator[FormColumn]:
+    """Columns of every cell."""
+    way, load, n = model.reversal(s), model.load(s), s.log.n
+    later = derivative(model.torque(s), s.step)
+
+    def cell(j: int, driver: str, functions: list[np.ndarray], setting: str = "") -> Iterator[FormColumn]:
+        form = Form(UNKNOWN, joint(j), driver, setting)
+        for k, function in enumerate(functions):
+            yield form, form.term("N m", CELLS.size * scale.friction[j], j, str(k)), function
+
+    times = smooth(s.time, r.time, CELLS.time_waves)
+    within = np.linspace(0.0, 1.0, len(s.time), endpoint=False)
+    offsets = [np.full(len(s.time), float(r.groups[s.name] == g)) for g in sorted(set(r.groups.values()))]
+    parts = CELLS.pieces if len(offsets) < CELLS.groups else 1
+    pieces = [(np.floor(parts * within) == k) * offset for offset in offsets for k in range(parts)]
+    for j in range(n):
+        turn, speed = s.q[:, j], s.dq[:, j]
+        angles = smooth(turn, r.angle[:, j], CELLS.waves)
+        direction, torque = way[:, j], load[:, j]
+        torques = smooth(torque, r.load[:, j], CELLS.load_waves)
+        speeds = smooth(speed, r.speed[:, j], CELLS.waves)
+        yield from cell(j, "angle", angles)
+        yield from cell(j, "angle times direction", [direction * f for f in angles])
+        yield from cell(j, "torque", torques)
+        yield from cell(j, "torque times direction", [direction * f for f in torques])
+        yield from cell(j, "speed", speeds)
+        yield from cell(j, "time", times)
+        yield from cell(j, "time times direction", [direction * f for f in times])
+        yield from cell(j, "time times torque", [torque / scale.torque[j] * f for f in times])
+        yield from cell(j, "time within a motion", pieces)
+        yield from cell(j, "direction times time within a motion", [direction * f for f in pieces])
+        yield from cell(j, "motion", offsets)
+        if r.loaded:
+            on = (s.payload > 0.0).astype(float)
+            functions = [on * direction, *(on * f for f in angles[:2])]
+            yield from cell(j, "payload", functions)
+        if s.temperature is not None:
+            warm = s.temperature / FORMS.kelvin
+            functions = [warm * direction, warm * np.abs(speed), warm**2, warm * angles[0]]
+            yield from cell(j, "temperature", functions)
+        for k in range(n):
+            if k != j:
+                others = smooth(s.q[:, k], r.angle[:, k], CELLS.other_waves)
+                yield from cell(j, f"angle of joint {k + 1}", others)
+                both = [direction * f for f in others]
+                yield from cell(j, f"direction times angle of joint {k + 1}", both)
+                fast = smooth(s.dq[:, k], r.speed[:, k], CELLS.other_waves)
+                yield from cell(j, f"speed of joint {k + 1}", fast)
+        for length in CELLS.presliding:
+            moved = presliding(speed, s.step, length)
+            yield from cell(j, "way since the reversal", [moved - direction], f"{length:g} rad")
+        low, high = r.angle[:, j]
+        for width in CELLS.bumps:
+            for centre in np.arange(low + width, high, 1.5 * width):
+                bump = np.exp(-0.5 * ((turn - centre) / width) ** 2)
+                where = f"{np.rad2deg(centre):.0f} deg, width {np.rad2deg(width):.0f} deg"
+                yield from cell(j, "angle, one place", [bump, bump * direction], where)
+    form = Form(UNKNOWN, LOG, "rate of torque times time")  # errors of the clock, in all joints
+    for k, f in enumerate(times):
+        yield form, form.term("s", CELLS.clock, part=str(k)), later * f[:, None]
+    form = Form(UNKNOWN, TOOL, "force on the tool")  # constant, along the axes of the base: a hose, a cable
+    unit = np.r_[1.0, s.log.mechanism.payload_centre, np.zeros(6)]
+    for name, by in zip("xyz", s.tilted, strict=True):
+        yield form, form.term("N", CELLS.force, part=name), by[:, :, -1] @ unit
+
+
+def presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
+    """Deflection (N,) of bristles, -1 to 1, that a way of `length` rad saturates (Dahl, 1976)."""
+    return _bristles(speed * step / length)
+
+
+@compiled()
+def _bristles(ways):
+    out, z = np.empty(len(ways)), 0.0
+    for k, way in enumerate(ways):
+        z = (z + way) / (1.0 + abs(way))
+        out[k] = z
+    return out
+
+
+def resonated(x: np.ndarray, frequency: float, step: float) -> np.ndarray:
+    """Response (N, k) of a lightly damped oscillator to x, less x itself."""
+    w, damping = 2.0 * np.pi * frequency, PRODUCTS.damping
+    pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * w * step)
+    a = np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
+    return lfilter([np.sum(a)], a, x, axis=0) - x
+
 
 _WIDE = np.array([-1.0, 1.0]) * PRODUCTS.wide
 

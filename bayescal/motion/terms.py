@@ -17,12 +17,10 @@ from scipy.interpolate import CubicSpline
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.logs.types import SERVO, TRACKING
-from bayescal.motion.dynamics import carried
-from bayescal.motion.filters import derivative, low_passed
+from bayescal.motion.dynamics import carried, stuck
 from bayescal.motion.fit_settings import SERVOS
-from bayescal.motion.servo import stuck
 from bayescal.motion.settings import BASELINE
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, derivative, low_passed
 from bayescal.robots.schema import SIX
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))
@@ -92,7 +90,7 @@ class Operating:
         return self.stuck(s)[1] if s.log.torque_kind == SERVO else self.reversal(s)
 
     def stuck(self, s: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Friction of servos, see `bayescal.motion.servo.stuck`."""
+        """Friction of servos, see `bayescal.motion.dynamics.stuck`."""
         stiffness = s.log.controller.stiffness
         assert stiffness is not None
         least = SERVOS.narrow * stiffness

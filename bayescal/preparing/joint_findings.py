@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.errors import listed
 from bayescal.logs import Log, Motion
-from bayescal.motion.servo import is_servo
+from bayescal.motion.controller import is_servo
 from bayescal.preparing import joint_facts
 from bayescal.preparing.joint_delays import speeds
 from bayescal.preparing.joint_facts import CERTAIN, LOADS, SHORTEST, SLOW, Joint, Stamps, is_late

@@ -16,9 +16,9 @@ import numpy as np
 from bayescal.errors import BayescalError, listed
 from bayescal.logs import Log, read_log
 from bayescal.logs.read import TABLES
+from bayescal.motion.controller import is_servo, with_torques
 from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.effects import EFFECTS
-from bayescal.motion.servo import is_servo, with_torques
 from bayescal.preparing import joint_facts
 from bayescal.preparing.joint_delays import Uniform, uniform
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps

@@ -18,7 +18,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.dataset.types import Tool
 from bayescal.logs import Log
 from bayescal.motion.dynamics import payload_of, regressor
-from bayescal.motion.filters import derivative
+from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import SLOW, gravity_torques, joints_of
 from bayescal.preparing.joint_findings import FAST, LENGTH, REPEATS, missing
 from bayescal.probing.clearance import Clearance

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.motion.calibrate import MotionFit
-    from bayescal.motion.result import MotionGap
+    from bayescal.motion.diagnose import MotionGap
     from bayescal.motion.together import Together
     from bayescal.posterior.inference import Record
     from bayescal.preparing.next_motions import MotionPlan

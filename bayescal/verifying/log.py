@@ -19,18 +19,16 @@ from bayescal.exporting.log_arm import mechanism_of_run, text_of, values_of
 from bayescal.exporting.written import mujoco
 from bayescal.logs import Log, Mechanism, read_log
 from bayescal.logs.types import SERVO, VALIDATE
-from bayescal.motion.controller import Law, law_of
+from bayescal.motion.controller import Law, law_of, with_torques
+from bayescal.motion.diagnose import MotionGap, Tracking
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import Scale
 from bayescal.motion.estimate import Estimate, estimate_of
-from bayescal.motion.filters import derivative, low_passed
 from bayescal.motion.fit_settings import CONTROLLER
-from bayescal.motion.named import NamedArm, effect_of, named_arm
 from bayescal.motion.pool import Pool
-from bayescal.motion.result import MotionGap, Tracking
-from bayescal.motion.servo import with_torques
+from bayescal.motion.possible import NamedArm, effect_of, named_arm
 from bayescal.motion.settings import OUTCOME
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, derivative, low_passed
 from bayescal.motion.terms import nominal as at_nominal
 from bayescal.storage.reading import decoded, run_record
 

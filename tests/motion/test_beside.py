@@ -18,13 +18,12 @@ from bayescal.motion.beside import (
     simplified,
     surprise,
 )
-from bayescal.motion.cells import UNKNOWN, resonated
 from bayescal.motion.diagnose import _place
 from bayescal.motion.effects import EFFECTS, Form, Waves
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
-from bayescal.motion.pool import Pool, Unlisted
-from bayescal.motion.products import Product
+from bayescal.motion.pool import Pool, Product, Unlisted
+from bayescal.motion.quantities import UNKNOWN, resonated
 from bayescal.motion.search import Hypothesis, Member
 from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import root_mean_square

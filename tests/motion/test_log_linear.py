@@ -8,14 +8,22 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from bayescal.logs.read import read_log
-from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
-from bayescal.motion.filters import Bands, derivative, impulse, low_passed, noise_of_positions, rounded, white
 from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
+from bayescal.motion.quantities import UNKNOWN
 from bayescal.motion.search import Search
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import moving
+from bayescal.motion.signals import (
+    Bands,
+    derivative,
+    impulse,
+    low_passed,
+    moving,
+    noise_of_positions,
+    rounded,
+    white,
+)
 from bayescal.motion.terms import Term
 from bayescal.motion.together import _moved
 

@@ -7,10 +7,9 @@ import pytest
 
 from bayescal.motion import diagnose as outcome
 from bayescal.motion.effects import SATURATES, Form
-from bayescal.motion.search import Hypothesis
+from bayescal.motion.search import NULL, UNKNOWN, Hypothesis, Verdict, _explained, confirmed
 from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import Signals
-from bayescal.motion.verdict import NULL, UNKNOWN, Verdict, _explained, confirmed
 from bayescal.reporting.motion import record
 from bayescal.reporting.motion.sheets import size_text
 

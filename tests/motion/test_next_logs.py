@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from bayescal.motion.cells import UNKNOWN, Ranges, cells
+from bayescal.motion.diagnose import TO_DO, to_do
 from bayescal.motion.effects import Form, Scale
-from bayescal.motion.next_logs import TO_DO, to_do
+from bayescal.motion.quantities import UNKNOWN, Ranges, cells
 from bayescal.preparing.next_motions import Bounds, MotionPlan
 from bayescal.reporting.motion.fit import plan_record
 

@@ -19,12 +19,11 @@ from bayescal.logs.types import CALIBRATE
 from bayescal.motion.diagnose import diagnose
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.estimate import estimated
-from bayescal.motion.filters import Bands, derivative
 from bayescal.motion.linear import gains, normal
 from bayescal.motion.noise import noise_of, white_noise
 from bayescal.motion.pool import Pool
 from bayescal.motion.settings import BASELINE, SEARCH, SIGNALS
-from bayescal.motion.signals import all_signals, signals_of
+from bayescal.motion.signals import Bands, all_signals, derivative, signals_of
 from bayescal.preparing.joint_log import check_log
 
 

@@ -12,10 +12,9 @@ from bayescal.exporting.log_arm import text_of
 from bayescal.logs import read_log
 from bayescal.logs.types import TRACKING
 from bayescal.motion.controller import Law, law_of, with_controller
+from bayescal.motion.diagnose import Tracking
 from bayescal.motion.dynamics import payload_of, regressor
-from bayescal.motion.filters import derivative
-from bayescal.motion.result import Tracking
-from bayescal.motion.signals import all_signals
+from bayescal.motion.signals import all_signals, derivative
 from bayescal.motion.terms import nominal
 from bayescal.reporting.motion.record import _replay
 from bayescal.verifying.log import Arm, _driven, replayed

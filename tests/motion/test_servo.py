@@ -15,9 +15,9 @@ from analysis.world.motion.servos import make, write
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.types import SERVO, TORQUE
-from bayescal.motion.dynamics import carried, regressor
+from bayescal.motion.controller import is_servo, with_torques
+from bayescal.motion.dynamics import carried, regressor, stuck
 from bayescal.motion.fit_settings import SERVOS
-from bayescal.motion.servo import is_servo, stuck, with_torques
 from bayescal.motion.signals import all_signals
 
 

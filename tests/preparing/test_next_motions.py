@@ -15,7 +15,7 @@ from analysis.world import arm
 from analysis.world.motion.plan import waves
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
-from bayescal.motion.filters import derivative
+from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import joints_of
 from bayescal.preparing.joint_log import check_log
 from bayescal.preparing.next_motions import FAST, MARGIN, SLOW, Bounds, next_motions

@@ -20,8 +20,8 @@ from bayescal.assess.findings import FAR
 from bayescal.exporting.log_arm import LogExport
 from bayescal.logs.schema import commands_text
 from bayescal.motion.calibrate import MotionFit
+from bayescal.motion.diagnose import Tracking
 from bayescal.motion.fit_settings import CALIBRATION
-from bayescal.motion.result import Tracking
 from bayescal.motion.together import Together
 from bayescal.posterior.inference import Record, save
 from bayescal.preparing.next_motions import PAUSE, MotionPlan

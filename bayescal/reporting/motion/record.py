@@ -13,11 +13,10 @@ from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.schema import arm_text
 from bayescal.logs.types import SERVO, TORQUE
+from bayescal.motion.diagnose import Amplitude, MotionGap, Place
 from bayescal.motion.effects import EFFECTS, Form, at_speed
-from bayescal.motion.result import Amplitude, MotionGap, Place
-from bayescal.motion.search import Hypothesis
+from bayescal.motion.search import OTHER, Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
-from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import LEAST, size_text
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import entry, plain, record_of, software
