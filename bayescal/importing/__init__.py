@@ -12,10 +12,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bayescal.dataset.read import SETTINGS
+from bayescal.dataset.write import check_new
+from bayescal.errors import BayescalError
 from bayescal.importing.ask import Request
-from bayescal.importing.convert import Draft, convert_contacts, write_session
+from bayescal.importing.convert import Draft, convert_contacts
 from bayescal.importing.images import convert_images
-from bayescal.importing.joint_draft import MotionDraft, convert_motions, format_of, write_motions
+from bayescal.importing.joint_draft import MotionDraft, convert_motions, format_of
+from bayescal.storage.folders import whole
 
 __all__ = ["Draft", "MotionDraft", "Request", "convert", "write"]
 
@@ -28,8 +32,25 @@ def convert(request: Request) -> Draft | MotionDraft:
 
 
 def write(draft: Draft | MotionDraft, folder: Path, force: bool = False) -> None:
-    """Write a draft as a new folder, atomically, and read it back; `force`: despite a failed check."""
-    if isinstance(draft, MotionDraft):
-        write_motions(draft, folder, force)
-    else:
-        write_session(draft, folder, force)
+    """Write a draft as a folder, atomically, and check that it can be read.
+
+    Parameters
+    ----------
+    draft : Draft or MotionDraft
+    folder : Path
+        A new or an empty one.
+    force : bool
+        Write also values that are probably in a wrong unit, or implausible.
+
+    Raises
+    ------
+    BayescalError
+        For a folder that is not empty, a failed check, and whatever the format does not allow; of contacts
+        with the line of the log.
+    """
+    if draft.wrong and not force:
+        remedy = f"correct the map, or write the {draft.noun} with --force"
+        raise BayescalError(draft.wrong, draft.log, remedy)
+    check_new(folder)
+    with whole(folder, SETTINGS) as stage:
+        draft.write(stage, judge=not force)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from bayescal.dataset import Dataset, read_dataset
 from bayescal.dataset.consistency import away
 from bayescal.dataset.plausibility import Suspicion, suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.write import check_new, followed, write_files
+from bayescal.dataset.write import followed, write_files
 from bayescal.errors import BayescalError
 from bayescal.importing import ask, mapping
 from bayescal.importing.ask import Request, base_of, furnished
@@ -28,7 +29,6 @@ from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
 from bayescal.robots import only_revolute
-from bayescal.storage.folders import whole
 
 SHOWN = 12
 """Unused columns in a message."""
@@ -147,6 +147,26 @@ class Draft:
     understood: tuple[str, ...] = ()  # the columns, and the first row as it was read
     before: int = 0  # rows that were measured before those of the log
     beside: Mapping[str, bytes] = field(default_factory=dict)  # further files by name
+    noun: ClassVar[str] = "dataset"
+
+    def write(self, stage: Path, judge: bool) -> None:
+        """Write the files, and check that they can be read, with plausible values if asked to `judge`."""
+        write_files(self.dataset, stage)
+        try:
+            read_dataset(stage, judge=judge)
+        except BayescalError as error:
+            raise BayescalError(error.what, self._whence(error.where), error.remedy) from None
+        for name, content in self.beside.items():
+            (stage / name).write_bytes(content)
+
+    def _whence(self, where: str) -> str:
+        """The log's line for one of the measurements.csv that would be."""
+        file, _, line = where.rpartition(":")
+        if not self.log:
+            return where
+        if file == TABLE and 0 <= (row := int(line) - 2 - self.before) < len(self.line):
+            return f"{self.log}:{self.line[row]}"
+        return f"{self.log} as a dataset" if file in (SETTINGS, TABLE) else where
 
 
 def convert_contacts(request: Request) -> Draft:
@@ -204,35 +224,6 @@ def convert_contacts(request: Request) -> Draft:
     return Draft(dataset, headline, notes, wrong, columns.name, columns.line, understood, before)
 
 
-def write_session(draft: Draft, folder: Path, force: bool = False) -> None:
-    """Write a draft as a dataset folder, atomically, and check that it can be read.
-
-    Parameters
-    ----------
-    draft : Draft
-    folder : Path
-        A new or an empty one.
-    force : bool
-        Write also values in a wrong unit, or implausible values.
-
-    Raises
-    ------
-    BayescalError
-        With the line of the log, for the first violation of the contract or implausible value.
-    """
-    if draft.wrong and not force:
-        raise BayescalError(draft.wrong, draft.log, "correct the map, or write the dataset with --force")
-    check_new(folder)
-    with whole(folder, SETTINGS) as stage:
-        write_files(draft.dataset, stage)
-        try:
-            read_dataset(stage, judge=not force)
-        except BayescalError as error:
-            raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
-        for name, content in draft.beside.items():
-            (stage / name).write_bytes(content)
-
-
 def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
     rule, where = mapping.validation_rule(request.map)
@@ -260,16 +251,6 @@ def _continuing(
     if lost:
         notes = (*notes, f"not in all rows, left out: {', '.join(lost)}")
     return replace(dataset, measurements=rows), len(old.ids), notes
-
-
-def _whence(draft: Draft, where: str) -> str:
-    """The log's line for one of the measurements.csv that would be."""
-    file, _, line = where.rpartition(":")
-    if not draft.log:
-        return where
-    if file == TABLE and 0 <= (row := int(line) - 2 - draft.before) < len(draft.line):
-        return f"{draft.log}:{draft.line[row]}"
-    return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
 
 
 def _refuse_motions(columns: Columns) -> None:

@@ -10,12 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from bayescal.arm.transforms import rpy_of
-from bayescal.dataset.write import check_new
 from bayescal.errors import BayescalError, listed
 from bayescal.exporting.written import mujoco
 from bayescal.importing.ask import MOTION_FORMATS, Request
@@ -31,7 +30,6 @@ from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
 from bayescal.robots.servos import GRIPPER
 from bayescal.robots.urdf import LARGEST, parse_markup
 from bayescal.storage.files import si
-from bayescal.storage.folders import whole
 from bayescal.storage.reading import content_of
 
 MJCF = (".xml", ".mjcf")
@@ -192,10 +190,33 @@ class MotionDraft:
     table: str
     understood: tuple[str, ...] = ()
 
+    noun: ClassVar[str] = "log"
+
     @property
     def headline(self) -> str:
         """What was read, in words."""
         return f"{len(self.columns['t_s'])} rows in {len(self.settings['motions'])} motions from {self.log}"
+
+    def write(self, stage: Path, judge: bool) -> None:
+        """Write the files, and check that they can be read; no value is judged."""
+        import pandas as pd
+        import yaml
+
+        head = "".join(f"# {line}\n" for line in (f"imported from {self.log}", *self.notes))
+        usual: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
+        text = yaml.safe_dump(dict(self.settings), width=10**6, **usual)
+        (stage / "dataset.yaml").write_text(head + text, encoding="utf-8", newline="")
+        table = pd.DataFrame(self.columns)
+        if self.table == "parquet":
+            of_logs("pyarrow.parquet", "--table parquet")
+            table.to_parquet(stage / "motion.parquet", engine="pyarrow", index=False)
+        else:
+            content = table.round(DECIMALS).to_csv(index=False, lineterminator="\n").encode()
+            with (stage / "motion.csv.gz").open("wb") as file, gzip.GzipFile("", "wb", 4, file, 0) as packed:
+                packed.write(content)
+        if self.robot is not None:
+            (stage / self.robot[0]).write_bytes(self.robot[1])
+        read_log(stage)
 
 
 def format_of(request: Request) -> str:
@@ -288,50 +309,6 @@ def convert_motions(request: Request) -> MotionDraft:
     wrong = contradiction(rows, arm.coupling, arm.limits)
     wrong = wrong or next((r.wrong for r in records if r.wrong), "")
     return MotionDraft(settings, columns, arm.file, notes, wrong, request.log.name, request.table)
-
-
-def write_motions(draft: MotionDraft, folder: Path, force: bool = False) -> None:
-    """Write a draft as a folder, atomically, and check that it can be read.
-
-    Parameters
-    ----------
-    draft : MotionDraft
-    folder : Path
-        A new or an empty one.
-    force : bool
-        Write also values that are probably in a wrong unit.
-
-    Raises
-    ------
-    BayescalError
-        For a folder that is not empty, a failed check, and whatever the format does not allow.
-    """
-    if draft.wrong and not force:
-        raise BayescalError(draft.wrong, draft.log, "correct the map, or write the log with --force")
-    check_new(folder)
-    with whole(folder, "dataset.yaml") as stage:
-        _write(draft, stage)
-        read_log(stage)
-
-
-def _write(draft: MotionDraft, folder: Path) -> None:
-    import pandas as pd
-    import yaml
-
-    head = "".join(f"# {line}\n" for line in (f"imported from {draft.log}", *draft.notes))
-    usual: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
-    text = yaml.safe_dump(dict(draft.settings), width=10**6, **usual)
-    (folder / "dataset.yaml").write_text(head + text, encoding="utf-8", newline="")
-    table = pd.DataFrame(draft.columns)
-    if draft.table == "parquet":
-        of_logs("pyarrow.parquet", "--table parquet")
-        table.to_parquet(folder / "motion.parquet", engine="pyarrow", index=False)
-    else:
-        content = table.round(DECIMALS).to_csv(index=False, lineterminator="\n").encode()
-        with (folder / "motion.csv.gz").open("wb") as file, gzip.GzipFile("", "wb", 4, file, 0) as stream:
-            stream.write(content)
-    if draft.robot is not None:
-        (folder / draft.robot[0]).write_bytes(draft.robot[1])
 
 
 def _records(request: Request, format_: str, arm: Arm) -> list[Record]:

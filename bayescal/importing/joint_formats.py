@@ -47,45 +47,39 @@ UR_RTDE = (
 
 @dataclass(frozen=True)
 class Message:
-    """Fields of a ROS message by quantity (alternatives in order), of its names; kind of its torque."""
+    """A ROS message: ``quantity=field`` (or one of several), the field of the names, the kind of torque."""
 
-    joints: Mapping[str, Sequence[str]]
+    fields: str
     names: str = ""
     torque: str = "motor"
     stamp: str = "header.stamp"
 
+    @property
+    def joints(self) -> Mapping[str, Sequence[str]]:
+        """Fields by quantity."""
+        entries = (entry.partition("=") for entry in self.fields.split())
+        return {quantity: fields.split("|") for quantity, _, fields in entries}
 
-_JOINT_STATE = {"position": ["position"], "velocity": ["velocity"], "torque": ["effort"]}
+
 MESSAGES = {
     "franka_msgs/msg/FrankaRobotState": Message(
-        {k: [f"measured_joint_state.{v[0]}"] for k, v in _JOINT_STATE.items()}
-        | {"command": ["desired_joint_state.position"]},
+        "position=measured_joint_state.position velocity=measured_joint_state.velocity "
+        "torque=measured_joint_state.effort command=desired_joint_state.position",
         "measured_joint_state.name",
         "sensor",
     ),
     "franka_msgs/msg/FrankaState": Message(
-        {"position": ["q"], "velocity": ["dq"], "torque": ["tau_j", "tau_J"], "command": ["q_d"]},
-        torque="sensor",
+        "position=q velocity=dq torque=tau_j|tau_J command=q_d", torque="sensor"
     ),
     "ur_msgs/msg/RobotStateRTMsg": Message(
-        {
-            "position": ["q_actual"],
-            "velocity": ["qd_actual"],
-            "current": ["i_actual"],
-            "command": ["q_target"],
-            "target_torque": ["m_target"],
-            "target_current": ["i_target"],
-            "temperatures": ["motor_temperatures"],
-        },
+        "position=q_actual velocity=qd_actual current=i_actual command=q_target target_torque=m_target "
+        "target_current=i_target temperatures=motor_temperatures",
         torque="current",
         stamp="time",
     ),
-    "sensor_msgs/msg/JointState": Message(_JOINT_STATE, "name"),
+    "sensor_msgs/msg/JointState": Message("position=position velocity=velocity torque=effort", "name"),
     "control_msgs/msg/JointTrajectoryControllerState": Message(
-        {
-            "position": ["feedback.positions", "actual.positions"],
-            "command": ["reference.positions", "desired.positions"],
-        },
+        "position=feedback.positions|actual.positions command=reference.positions|desired.positions",
         "joint_names",
     ),
 }

@@ -173,11 +173,8 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     pause = re.fullmatch(r"\s*([\d.]+)\s*s?\s*", length)
     if name == "column" and "motion" in cells and not length:
         motions, kept, words = _named(cells["motion"], time, cells["position"], record)
-        cells, time, record = (
-            {k: v[kept] for k, v in (cells | {"motion": motions}).items()},
-            time[kept],
-            record[kept],
-        )
+        cells = {k: v[kept] for k, v in (cells | {"motion": motions}).items()}
+        time, record = time[kept], record[kept]
         labels = np.array([f"{r}/{m}" for r, m in zip(record, cells["motion"], strict=True)])
     elif name == "files" and not length:
         labels, words = record.astype(str), "each file, bag or episode is a motion"
@@ -251,13 +248,8 @@ def _named(
     run = np.cumsum(np.r_[0, (names[1:] != names[:-1]) | (np.diff(record) > 0)])
     first = np.flatnonzero(np.r_[True, np.diff(run) > 0])
     each = names[first]
-    again = {
-        n
-        for r in set(record[first])
-        if (of := each[record[first] == r].tolist())
-        for n in of
-        if of.count(n) > 1
-    }
+    in_records = Counter(zip(record[first].tolist(), each.tolist(), strict=True))
+    again = {name for (_, name), count in in_records.items() if count > 1}
     if not again:
         return names, np.ones(len(names), bool), words
     moves = (np.abs(speeds(time, position, run)) > MOVING).any(axis=1)

@@ -139,10 +139,10 @@ def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
     if values is None:
         return "", True
     angles = _angles(dataset, matrices(values, convention))
-    off, words = _typical(angles), CONVENTIONS[convention].words
-    if off is None:
+    words = CONVENTIONS[convention].words
+    if np.isnan(angles).all():
         return f"orientations are read as {words}; too few to compare them with the arm", True
-    if off <= APART:
+    if (off := float(np.nanmedian(angles))) <= APART:
         within = f"within {np.degrees(off):.2g} deg (median) of the nominal arm"
         far = np.flatnonzero(angles > max(MIRRORED, FAR * off))
         if len(far):
@@ -150,13 +150,9 @@ def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
             within += f"; {len(far)} are turned by {np.degrees(np.median(angles[far])):.0f} deg: {ids}"
             within += " (poses of a flat tag may be mirrored; leave these rows out)"
         return f"orientations are read as {words}: {within}", True
-    same = CONVENTIONS[convention].count, CONVENTIONS[convention].angles
-    others = {
-        name: error
-        for name, other in CONVENTIONS.items()
-        if (other.count, other.angles) == same
-        and (error := _typical(_angles(dataset, matrices(values, name)))) is not None
-    }
+    kind = CONVENTIONS[convention].count, CONVENTIONS[convention].angles
+    alike = [name for name, other in CONVENTIONS.items() if (other.count, other.angles) == kind]
+    others = {name: float(np.nanmedian(_angles(dataset, matrices(values, name)))) for name in alike}
     best = min(others, key=lambda name: others[name])
     what = f"orientations as {convention} differ from the nominal arm by {np.degrees(off):.0f} deg (median)"
     if others[best] < APART:
@@ -174,11 +170,6 @@ def _stated(columns: Columns) -> tuple[str, np.ndarray | None]:
         raise BayescalError(f"`rotation` and `{clash}` are both mapped", columns.name, "keep one of them")
     count = CONVENTIONS[column.turn].count
     return column.turn, columns.block([f"rotation{i}" for i in range(count)])
-
-
-def _typical(angles: np.ndarray) -> float | None:
-    """Median of angles (N,), rad; None where all are unknown."""
-    return None if np.isnan(angles).all() else float(np.nanmedian(angles))
 
 
 def _angles(dataset: Dataset, turns: np.ndarray) -> np.ndarray:

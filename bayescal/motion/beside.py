@@ -20,9 +20,9 @@ from bayescal.motion.effects import Form, joint
 from bayescal.motion.linear import Fit, Sparse, predicted
 from bayescal.motion.noise import Noise
 from bayescal.motion.pool import Bank, Dots, Gains, Pool, Product, Unlisted, averaged, consecutive
-from bayescal.motion.quantities import UNKNOWN, Argument
+from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
-from bayescal.motion.settings import EVENTS, NOISE, PRODUCTS, RELATIVES, SEARCH
+from bayescal.motion.settings import EVENTS, NOISE, RELATIVES, SEARCH
 from bayescal.motion.signals import Signals, root_mean_square
 
 
@@ -114,13 +114,12 @@ def _free(bank: Bank, m: Member, gains: Gains) -> tuple[Product, float] | None:
 
     The one that explains most, and the evidence of all, nats, with their prior odds.
     """
-    chosen = [
-        (p, nats)
-        for p, nats in gains
-        if p.form.site == m.form.site
-        and joint(bank.first[p.argument].joint or 0) == p.form.site
-        and bank.first[p.argument].times == PRODUCTS.responses
-    ]
+
+    def free(p: Product) -> bool:
+        a = bank.first[p.argument]
+        return m.form.site == p.form.site == joint(a.joint or 0) and a.times == tuple(RESPONSES)
+
+    chosen = [(p, nats) for p, nats in gains if free(p)]
     if not chosen:
         return None
     nats = float(logsumexp([value for _, value in chosen]) - np.log(len(chosen)))
@@ -173,16 +172,13 @@ class _Event:
 def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     """Torques of each joint that change at once and come back, where these explain what a fit leaves."""
     order, n = bank.noise.order, len(bank.size)
-    every = bank.table.residuals(fit.values)
-    pairs = list(zip(bank.table.parts, every, strict=True))
+    parts, every = bank.table.parts, bank.table.residuals(fit.values)
+    pairs = zip(parts, every, strict=True)
     white = [[part.whitened(bank.noise, r[:, j], j) for j in range(n)] for part, r in pairs]
-    counted = [
-        np.column_stack(e)[part.weight[:, :n] > NOISE.there]
-        for e, (part, _) in zip(white, pairs, strict=True)
-    ]
-    nats = surprise(np.concatenate(counted))
+    there = [part.weight[:, :n] > NOISE.there for part in parts]
+    nats = surprise(np.concatenate([np.column_stack(e)[rows] for e, rows in zip(white, there, strict=True)]))
     tried = np.log(len(EVENTS.constants) * sum(map(len, every)))
-    pulses = [_pulse(bank.table.parts[0].signals, constant) for constant in EVENTS.constants]
+    pulses = [_pulse(parts[0].signals, constant) for constant in EVENTS.constants]
     for j in range(n):
         candidates = []
         for pulse in pulses:
@@ -207,10 +203,10 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
         # a single row that is off is a wrong reading
         if chosen and (len(chosen) > 1 or len(chosen[0].pulse) > len(pulses[0])):
             form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
-            columns = [np.zeros((len(part.residual), len(chosen))) for part in bank.table.parts]
+            columns = [np.zeros((len(part.residual), len(chosen))) for part in parts]
             for k, event in enumerate(chosen):
                 end = event.row + len(event.pulse)
-                weight = bank.table.parts[event.motion].weight[event.row : end, j]
+                weight = parts[event.motion].weight[event.row : end, j]
                 columns[event.motion][event.row : end, k] = weight * event.pulse * bank.size[j]
             yield form, sum(c.gain for c in chosen), [{j: x} for x in columns]
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
-from bayescal.motion.controller import with_torques
 from bayescal.motion.estimate import Estimate, estimate_of, fitted_mechanism, moved_to, of_role
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
@@ -83,19 +82,8 @@ def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) ->
         If there are no torques with a sign.
     """
     progress("estimate", 0.0)
-    estimate = prepared(log)
+    estimate = estimate_of(log)
     return calibrated(estimate, estimate.fit(), samples, seed, progress)
-
-
-def prepared(log: Log) -> Estimate:
-    """The estimate of a log.
-
-    Raises
-    ------
-    BayescalError
-        If there are no torques with a sign.
-    """
-    return estimate_of(with_torques(log))
 
 
 def calibrated(
@@ -165,11 +153,8 @@ def _speeds(
             nominal_speed = float(start.transition[int(joint or 1) - 1])
             beside = values[..., k] if joint else 0.0
             sd[k] = nominal_speed * np.hypot(fit.sd[k], fit.sd[every] if joint and every is not None else 0.0)
-            values[..., k], base[k], units[k] = (
-                nominal_speed * np.exp(common + beside),
-                nominal_speed,
-                "rad/s",
-            )
+            values[..., k] = nominal_speed * np.exp(common + beside)
+            base[k], units[k] = nominal_speed, "rad/s"
     return values, base, units, sd
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
-from bayescal.motion.controller import with_controller
+from bayescal.motion.controller import with_controller, with_torques
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
@@ -22,6 +23,7 @@ from bayescal.motion.terms import (
     Operating,
     baseline,
     by_channel,
+    by_joint,
     channel,
     displaced,
     nominal,
@@ -106,14 +108,11 @@ def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:
 def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operating:
     """The operating point at some deviations from nominal."""
     m = s.log.mechanism
-    deltas = [[values.get(f"{name} of link {k + 1}", 0.0) for name in BODY] for k in range(m.n)]
-
-    def each(name: str) -> np.ndarray:
-        return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(m.n)])
-
+    each = partial(by_joint, values, m.n)
+    bodies = np.column_stack([each(f"{name} of link") for name in BODY])
     slower = np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5))
     return Operating(
-        start.bodies + np.array(deltas), start.armature + each("armature"), start.coulomb + each("coulomb"),
+        start.bodies + bodies, start.armature + each("armature"), start.coulomb + each("coulomb"),
         start.viscous + each("viscous"), start.offset + each("offset"), start.transition * slower,
         start.shift + values.get("alignment", 0.0), start.gain + each("constant"),
     )  # fmt: skip
@@ -156,7 +155,13 @@ def estimate_of(log: Log) -> Estimate:
     """Estimate the baseline and its noise in the widest band in which a log tells of its accelerations.
 
     Where they are noise in the narrowest too, that of torques counts as larger.
+
+    Raises
+    ------
+    BayescalError
+        If there are no torques with a sign.
     """
+    log = with_torques(log)
     bands, whole = Bands.of(log.divided), log.divided
     while True:
         out = estimated(all_signals(log, bands))

@@ -59,13 +59,9 @@ class Noise:
         early = missing[missing < first]
         starts = self.starts[joint][:first, early]
         column = np.broadcast_to(np.arange(len(missing))[:, None], low.shape)
-        entries = (
-            np.r_[value[late], starts.ravel()],
-            (
-                np.r_[row[late], np.repeat(np.arange(first), len(early))],
-                np.r_[column[late], np.tile(np.arange(len(early)), first)],
-            ),
-        )
+        rows = np.r_[row[late], np.repeat(np.arange(first), len(early))]
+        columns = np.r_[column[late], np.tile(np.arange(len(early)), first)]
+        entries = np.r_[value[late], starts.ravel()], (rows, columns)
         free = csr_array(entries, shape=(len(white), len(missing)))
         gram = (free.T @ free).tocoo()
         below = gram.row >= gram.col

@@ -32,6 +32,7 @@ from bayescal.motion.estimate import Estimate
 from bayescal.motion.linear import Fit, Normal, Part, Sparse, Table, added, fitted, normal, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.quantities import (
+    RESPONSES,
     UNKNOWN,
     Argument,
     Kept,
@@ -39,7 +40,6 @@ from bayescal.motion.quantities import (
     cells,
     kept_signals,
     quantities,
-    responses,
 )
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Search
 from bayescal.motion.settings import CELLS, FORMS, SEARCH, SIGNALS
@@ -155,7 +155,7 @@ class Bank:
         for part, k, given in self.motions():
             s, log = part.signals, part.signals.log
             for j in range(len(self.size)):
-                by = responses(k, j)
+                by = {name: response(k, j) for name, response in RESPONSES.items()}
                 x = np.column_stack([by[name][:, None] * given[i].functions for i, name in self.kinds])
                 weight = part.weight[:, j, None]  # of every kind of residuals
                 self.count(out, part, fit, j, self.size[j] * weight * x, sets)
@@ -211,7 +211,7 @@ class Bank:
             s, of_motion = part.signals, {}
             for i, j in enumerate(p.joints):
                 size = self.size[j] if p.kind == TORQUE else FORMS.deflection
-                values = size * responses(k, j)[p.response][:, None] * given[p.argument].functions
+                values = size * RESPONSES[p.response](k, j)[:, None] * given[p.argument].functions
                 channels = {channel(s.log, p.kind, j): values}
                 if p.moves[i]:
                     moved = displaced(s, s.step * s.every, part.weight[:, j, None] * values, j)
@@ -269,12 +269,11 @@ class Pool:
             yield from estimate.columns(s)
             yield from ((term, column) for _, term, column in _candidates(s, model, scale, ranges))
 
-        forms: dict[Form, list[str]] = {}
+        forms: dict[Form, tuple[str, ...]] = {}
         for form, term, _ in _candidates(parts[0], model, scale, ranges):
-            forms.setdefault(form, []).append(term.name)
+            forms[form] = (*forms.get(form, ()), term.name)
         table = tabulated(parts, every, estimate.residual)
-        every_form = {f: tuple(names) for f, names in forms.items()}
-        return cls(estimate, scale, ranges, every_form | in_all_joints(every_form), table)
+        return cls(estimate, scale, ranges, forms | in_all_joints(forms), table)
 
     def extended(self, further: Sequence[Unlisted]) -> Pool:
         """The pool with columns of further forms."""
@@ -321,15 +320,16 @@ class Pool:
     def _chosen(self, s: Signals, names: Collection[str]) -> Iterable[Column]:
         """Columns of the baseline, and of candidates with some names."""
         yield from self.estimate.columns(s)
-        model, unknown = self.estimate.model, any(n.startswith(UNKNOWN) for n in names)
-        named = columns(s, model, self.scale)
-        general = cells(s, model, self.scale, self.ranges) if unknown else ()
-        yield from ((term, column) for _, term, column in chain(named, general) if term.name in names)
+        unknown = any(n.startswith(UNKNOWN) for n in names)
+        every = _candidates(s, self.estimate.model, self.scale, self.ranges, unknown)
+        yield from ((term, column) for _, term, column in every if term.name in names)
 
 
-def _candidates(s: Signals, model: Operating, scale: Scale, ranges: Ranges) -> Iterable[FormColumn]:
-    """Columns of effects and cells."""
-    return chain(columns(s, model, scale), cells(s, model, scale, ranges))
+def _candidates(
+    s: Signals, model: Operating, scale: Scale, ranges: Ranges, general: bool = True
+) -> Iterable[FormColumn]:
+    """Columns of effects, and of `general` functions."""
+    return chain(columns(s, model, scale), cells(s, model, scale, ranges) if general else ())
 
 
 def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
@@ -345,11 +345,11 @@ def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
         score, size = np.zeros((len(kinds), len(waves)), complex), np.zeros((len(kinds), len(waves)))
         loose = np.zeros(len(waves))
         for p, r, k in zip(table.parts, residuals, kept, strict=True):
-            s, by = p.signals, responses(k, j)
+            s = p.signals
             x = s.kept(np.exp(1j * s.q[:, j : j + 1] * waves) * s.weight[:, j : j + 1])
             y = p.whitened(noise, r[:, j], j)
             for i, kind in enumerate(kinds):
-                white = p.whitened(noise, x * by[kind][:, None], j)
+                white = p.whitened(noise, x * RESPONSES[kind](k, j)[:, None], j)
                 for rows in np.array_split(np.arange(len(y)), SEARCH.pieces if not kind else 1):
                     along, square = white[rows].conj().T @ y[rows], np.sum(np.abs(white[rows]) ** 2, axis=0)
                     score[i] += along

@@ -20,7 +20,7 @@ from bayescal.motion.estimate import Estimate, fitted_mechanism, moved_to
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit
 from bayescal.motion.signals import Signals, each
-from bayescal.motion.terms import ALL, BODY, Column, Operating, Term, nominal
+from bayescal.motion.terms import ALL, BODY, Column, Operating, Term, by_joint, nominal
 from bayescal.robots.schema import SIX
 
 NOT_NEGATIVE = ("armature", "coulomb", "viscous")
@@ -190,15 +190,12 @@ class NamedArm:
     @property
     def gain(self) -> np.ndarray:
         """Shown torques over true ones (n,)."""
-        return 1.0 + self._each("constant")
+        return 1.0 + by_joint(self.values, self.mechanism.n, "constant")
 
     @property
     def offset(self) -> np.ndarray:
         """Of the shown torques (n,), N m."""
-        return self._each("offset")
-
-    def _each(self, name: str) -> np.ndarray:
-        return np.array([self.values.get(f"{name} {j + 1}", 0.0) for j in range(self.mechanism.n)])
+        return by_joint(self.values, self.mechanism.n, "offset")
 
     def further(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
         """Torques (N, n), N m, that act on the joints of a motion beside the mechanism, and of the drives.

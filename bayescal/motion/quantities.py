@@ -10,7 +10,7 @@ little.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,19 +155,6 @@ _WIDE = np.array([-1.0, 1.0]) * PRODUCTS.wide
 
 
 @dataclass(frozen=True)
-class Argument:
-    """A quantity, with functions (M, k) of it; `joint` is the one that it belongs to, from 0."""
-
-    name: str
-    functions: np.ndarray
-    joint: int | None = None
-    times: tuple[str, ...] = PRODUCTS.responses
-    moves: bool = False  # whether it is a motion of what carries the arm, or of what it carries
-    only: int | None = None  # the one joint whose error may depend on it
-    log_prior: float = 0.0  # nats, where it was chosen among many
-
-
-@dataclass(frozen=True)
 class Kept:
     """Signals of a motion at the rows that are kept, of size about 1 where no unit is stated."""
 
@@ -176,6 +163,30 @@ class Kept:
     ddq: np.ndarray
     load: np.ndarray
     way: np.ndarray  # (M, n) direction of motion
+
+
+RESPONSES: Mapping[str, Callable[[Kept, int], np.ndarray]] = {
+    "": lambda k, j: np.ones(len(k.load)),
+    "direction": lambda k, j: k.way[:, j],
+    "torque": lambda k, j: k.load[:, j],
+    "torque times direction": lambda k, j: k.way[:, j] * np.abs(k.load[:, j]),
+    "speed": lambda k, j: k.dq[:, j],
+    "acceleration": lambda k, j: k.ddq[:, j],
+}
+"""What an error at a joint may be in proportion to, (M,) each (assumed)."""
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A quantity, with functions (M, k) of it; `joint` is the one that it belongs to, from 0."""
+
+    name: str
+    functions: np.ndarray
+    joint: int | None = None
+    times: tuple[str, ...] = tuple(RESPONSES)
+    moves: bool = False  # whether it is a motion of what carries the arm, or of what it carries
+    only: int | None = None  # the one joint whose error may depend on it
+    log_prior: float = 0.0  # nats, where it was chosen among many
 
 
 def quantities(s: Signals, model: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
@@ -190,19 +201,6 @@ def kept_signals(s: Signals, model: Operating, r: Ranges) -> Kept:
         s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
         s.kept(model.load(s)) / r.usual_load, s.kept(model.reversal(s)),
     )  # fmt: skip
-
-
-def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
-    """What an error at a joint may be in proportion to, (M,) each."""
-    load, way = k.load[:, j], k.way[:, j]
-    return {
-        "": np.ones(len(load)),
-        "direction": way,
-        "torque": load,
-        "torque times direction": way * np.abs(load),
-        "speed": k.dq[:, j],
-        "acceleration": k.ddq[:, j],
-    }
 
 
 def _arguments(

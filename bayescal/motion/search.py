@@ -148,11 +148,8 @@ class Search:
         taken, out = {(m.form.effect, m.form.site) for m in members}, {}
         terms = {term for m in members for term in self.terms[m.form]}
         for name, chosen in self.by_effect.items():
-            new = [
-                k
-                for k in chosen
-                if (name, self.forms[k][0].site) not in taken and terms.isdisjoint(self.forms[k][1])
-            ]
+            elsewhere = [k for k in chosen if (name, self.forms[k][0].site) not in taken]
+            new = [k for k in elsewhere if terms.isdisjoint(self.forms[k][1])]
             if new and (name == UNKNOWN or self.seen[name]):
                 part = table[new]
                 i, k = np.unravel_index(int(np.argmax(part)), part.shape)

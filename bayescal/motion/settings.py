@@ -247,15 +247,6 @@ class ProductSettings:
     oscillation: float = -6.0
     """Nats, log prior of an oscillation (tuned: the noise of positions, differentiated twice, gave 6 nats to
     one in a log without any effect)."""
-    responses: tuple[str, ...] = (
-        "",
-        "direction",
-        "torque",
-        "torque times direction",
-        "speed",
-        "acceleration",
-    )
-    """What an error may be in proportion to (assumed)."""
     with_memory: tuple[str, ...] = ("", "direction", "torque")
     """Responses that depend on what was before (cost)."""
 

@@ -20,7 +20,6 @@ from scipy.sparse import csr_matrix
 
 from bayescal.errors import BayescalError
 from bayescal.logs import Log, Motion
-from bayescal.logs.mechanism import inertial
 from bayescal.logs.types import SERVO, SHORTEST
 from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.fit_settings import SERVOS
@@ -111,12 +110,9 @@ def _squared_inertia(log: Log) -> np.ndarray:
     """Squares (n, n) of the nominal torques by accelerations, kg2 m4, in the mean of some poses."""
     m, few = log.mechanism, [x.position[:: max(len(x.position) // SIGNALS.poses, 1)] for x in log.motions]
     q = np.repeat(np.concatenate(few), m.n, axis=0)
-    bodies = np.array([inertial(*body) for body in zip(m.mass, m.centre, m.inertia, strict=True)])
     by = regressor(m, q, np.zeros_like(q), np.tile(np.eye(m.n), (len(q) // m.n, 1)), np.zeros(3))
-    torques = carried(by, bodies, m, np.zeros(len(q))).reshape(-1, m.n, m.n) + np.diag(
-        np.nan_to_num(m.armature)
-    )
-    return np.mean(torques**2, axis=0).T
+    torques = carried(by, m.inertials, m, np.zeros(len(q))).reshape(-1, m.n, m.n)
+    return np.mean((torques + np.diag(np.nan_to_num(m.armature))) ** 2, axis=0).T
 
 
 def impulse(count: int, step: float, cut: float) -> np.ndarray:

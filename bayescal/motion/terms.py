@@ -7,7 +7,7 @@ the speed at which friction reverses, are linearised at an `Operating` point tha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -129,6 +129,11 @@ class Operating:
         later = s.time[:, None] + self.shift
         spline = CubicSpline(s.time, s.torque)
         return np.column_stack([spline(later[:, j])[:, j] for j in range(later.shape[1])])
+
+
+def by_joint(values: Mapping[str, float], n: int, name: str) -> np.ndarray:
+    """Values (n,) of the terms of a name, one of each joint; 0 where there is none."""
+    return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(n)])
 
 
 def later(s: Signals, model: Operating) -> np.ndarray:

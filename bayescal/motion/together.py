@@ -29,9 +29,9 @@ from bayescal.estimate.discrepancy import informed
 from bayescal.logs import Log, Mechanism
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
-from bayescal.motion.calibrate import MotionFit, calibrated, prepared
+from bayescal.motion.calibrate import MotionFit, calibrated
 from bayescal.motion.dynamics import turns
-from bayescal.motion.estimate import Estimate
+from bayescal.motion.estimate import Estimate, estimate_of
 from bayescal.motion.fit_settings import TOGETHER
 from bayescal.motion.linear import Fit as Linear
 from bayescal.motion.linear import Further
@@ -138,7 +138,7 @@ def fit_together(
     """
     bodies = same_arm(dataset, log, effects)
     progress("log", 0.0)
-    estimate = prepared(log)
+    estimate = estimate_of(log)
     fit = estimate.fit()
     of_log = calibrated(estimate, fit, samples, options.seed)
     progress("session", 0.0)

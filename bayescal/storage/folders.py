@@ -150,13 +150,8 @@ def _files(folder: Path) -> list[Path]:
 
 def _foreign(folder: Path, written: dict[str, str]) -> list[str]:
     """Names of the files below a folder that bayescal did not write or that have changed."""
-    return [
-        name
-        for path in _files(folder)
-        if (name := path.relative_to(folder).as_posix()) not in written
-        or path.is_symlink()
-        or _sha256(path) != written[name]
-    ]
+    paths = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
+    return [n for n, p in paths.items() if n not in written or p.is_symlink() or _sha256(p) != written[n]]
 
 
 def _top_level(folder: Path) -> list[str]:

@@ -29,6 +29,7 @@ from bayescal.motion.pool import Pool
 from bayescal.motion.possible import NamedArm, effect_of, named_arm
 from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, derivative, low_passed
+from bayescal.motion.terms import by_joint
 from bayescal.motion.terms import nominal as at_nominal
 from bayescal.storage.reading import decoded, run_record
 
@@ -276,11 +277,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         arm.jnt_limited[:] = 0  # a machine may stand at the limits of its file
     values, estimate = values_of(record), estimate_of(log)  # in the band of the run
     parts, log = estimate.parts, estimate.parts[0].log
-
-    def each(name: str) -> np.ndarray:
-        return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
-
-    offset, gain = each("offset"), 1.0 + each("constant")
+    offset, gain = by_joint(values, log.n, "offset"), 1.0 + by_joint(values, log.n, "constant")
     gravity, start = np.array(record["gravity_mps2"]), at_nominal(log, np.ones(log.n))
     aligned = replace(start, shift=np.full(log.n, 1e-3 * record["torque_shift_ms"]))
     before: list[np.ndarray] = []
@@ -300,7 +297,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
             errors.append(np.where(slow, np.nan, off))
         rigid = np.einsum("njkp,kp->nj", tilted, fitted.inertials) + fitted.armature * s.ddq
         bodies = np.max(np.abs(_without_friction(simulator, model, s) - rigid), axis=0)
-        differences.append(bodies + _friction(model, fitted, np.max(np.abs(s.dq), axis=0)))
+        viscous = np.abs(model.dof_damping - fitted.viscous) * np.max(np.abs(s.dq), axis=0)
+        differences.append(bodies + (np.abs(model.dof_frictionloss - fitted.coulomb) + viscous))
     return LogVerification(
         name=log.name,
         joints=log.mechanism.joint_names,
@@ -346,13 +344,6 @@ def _without_friction(simulator: Any, model: Any, s: Signals) -> np.ndarray:
     out = inverse(simulator, model, s)
     model.dof_frictionloss[:], model.dof_damping[:] = kept
     return out
-
-
-def _friction(model: Any, m: Mechanism, fastest: np.ndarray) -> np.ndarray:
-    """Largest difference (n,), N m, of the friction of both up to speeds (n,), rad/s."""
-    return np.asarray(
-        np.abs(model.dof_frictionloss - m.coulomb) + np.abs(model.dof_damping - m.viscous) * fastest
-    )
 
 
 def record_of(v: LogVerification) -> dict[str, Any]:

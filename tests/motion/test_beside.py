@@ -23,7 +23,7 @@ from bayescal.motion.effects import EFFECTS, Form, Waves
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Product, Unlisted
-from bayescal.motion.quantities import UNKNOWN, resonated
+from bayescal.motion.quantities import RESPONSES, UNKNOWN, resonated
 from bayescal.motion.search import Hypothesis, Member
 from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import root_mean_square
@@ -280,7 +280,8 @@ def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_est
 
 def test_free_relatives_of_a_name_are_weighed_among_those_of_its_joint():
     """Products of other joints, or with another response, change nothing; the same ones twice neither."""
-    kinds = [(0, PRODUCTS.responses), (0, PRODUCTS.with_memory), (1, PRODUCTS.responses), (None, ("",))]
+    every = tuple(RESPONSES)
+    kinds = [(0, every), (0, PRODUCTS.with_memory), (1, every), (None, ("",))]
     bank = SimpleNamespace(first=[SimpleNamespace(joint=j, times=times) for j, times in kinds])
 
     def product(site, argument, driver):
