@@ -114,22 +114,6 @@ def _joint_angle(work, start, base, first, last, terms, values, drivers, joint, 
             work[_C, i] = b * c - a * s
 
 
-@_inline
-def _map_turn(work, m):
-    """Points mapped by m (3 x 4), then turned about z by rows _C, _S: a link and its joint in one pass."""
-    m00, m01, m02, m03 = m[0, 0], m[0, 1], m[0, 2], m[0, 3]
-    m10, m11, m12, m13 = m[1, 0], m[1, 1], m[1, 2], m[1, 3]
-    m20, m21, m22, m23 = m[2, 0], m[2, 1], m[2, 2], m[2, 3]
-    for i in range(WIDTH):
-        x, y, z = work[_X, i], work[_Y, i], work[_Z, i]
-        a = m00 * x + (m01 * y + (m02 * z + m03))
-        b = m10 * x + (m11 * y + (m12 * z + m13))
-        s, c = work[_S, i], work[_C, i]
-        work[_X, i] = c * a - s * b
-        work[_Y, i] = s * a + c * b
-        work[_Z, i] = m20 * x + (m21 * y + (m22 * z + m23))
-
-
 @_jit
 def _out_displaced(work, start, frame, pairs, const, firsts, terms, values, drivers):
     """Apply the pairs `pairs`..2 of one frame's displacement to the points, from Ry Ty outward."""
@@ -198,19 +182,6 @@ def _unmap(work, m, shift):
 
 
 @_inline
-def _unturn_joint(work, shift):
-    """The wrench seen from behind a joint's Rz (rows _C, _S) and Tz (shift)."""
-    for i in range(WIDTH):
-        x, u = work[_X, i], work[_U, i]
-        s, c = work[_S, i], work[_C, i]
-        work[_X, i] = c * x + s * work[_Y, i]
-        work[_Y, i] = c * work[_Y, i] - s * x
-        work[_Z, i] -= shift
-        work[_U, i] = c * u + s * work[_V, i]
-        work[_V, i] = c * work[_V, i] - s * u
-
-
-@_inline
 def _offset(work, sign, tool, start):
     """The points moved by sign x their tool's centre."""
     for j in range(3):
@@ -257,8 +228,8 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
             _offset(work, 1.0, tool, start)
             for f in range(n, 0, -1):
                 site = 6 * f
+                _map(work, matrices[f])
                 if general[f]:
-                    _map(work, matrices[f])
                     _out_displaced(work, start, f, _XY, const, firsts, terms, row, drivers)
                     shift = d[f - 1] + const[site + 1]
                     _add(work, _Z, 1.0, shift, start, firsts[site + 1], firsts[site + 2], terms, row, drivers)
@@ -266,10 +237,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
                     work, start, const[site], firsts[site], firsts[site + 1], terms, row, drivers,
                     f - 1, sines, cosines,
                 )  # fmt: skip
-                if general[f]:
-                    _turn_rows(work, _X, _Y, 1.0)
-                else:
-                    _map_turn(work, matrices[f])
+                _turn_rows(work, _X, _Y, 1.0)
             _map(work, link[0])
             _out_displaced(work, start, _BASE, _ZXY, const, firsts, terms, row, drivers)
             _map(work, base)
@@ -368,7 +336,9 @@ def columns(
                 f - 1, sines, cosines,
             )  # fmt: skip
             shift = d[f - 1] + const[site + 1]
-            _unturn_joint(work, shift)
+            _turn_rows(work, _X, _Y, -1.0)
+            _turn_rows(work, _U, _V, -1.0)
+            _add(work, _Z, -1.0, shift, start, 0, 0, terms, values, drivers)
             if general[f] or by_first[site + 4] < by_first[site + 6]:
                 _add(work, _Z, -1.0, 0.0, start, firsts[site + 1], firsts[site + 2], terms, values, drivers)
                 _back_displaced(

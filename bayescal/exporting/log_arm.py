@@ -21,9 +21,9 @@ from bayescal.exporting.urdf import most_of
 from bayescal.exporting.written import digest, replace_earlier
 from bayescal.exporting.xml_text import rendered
 from bayescal.logs import Mechanism
-from bayescal.logs.mechanism import PAIRS
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
+from bayescal.logs.types import PAIRS
 from bayescal.robots.tree import UNLIMITED
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json, decoded

@@ -47,7 +47,7 @@ from bayescal.exporting.same_arm import FileArm, Match, match
 from bayescal.exporting.written import IN_F0, Format, Item, Options, Written, item, path_of
 from bayescal.exporting.xml_text import XmlText, indented, numbers, rendered
 from bayescal.fitted.arm import FittedArm
-from bayescal.logs.mechanism import or_nan
+from bayescal.logs.types import or_nan
 from bayescal.robots.tree import BETWEEN, MOVING, TURNING, UNLIMITED, Tree, chain_in, read_tree
 from bayescal.robots.urdf import LARGEST, parse_markup
 from bayescal.storage.reading import decoded

@@ -45,6 +45,11 @@ MOST_CALIBRATED = 40
 """Images from which a lens is calibrated, spread over all (cost)."""
 
 
+Corners = tuple[np.ndarray, np.ndarray]
+"""Corners of a board in an image: pixels (K, 2) and their numbers (K,)."""
+NONE = np.zeros((0, 2)), np.zeros(0, int)
+
+
 @dataclass(frozen=True)
 class Found:
     """Corners of a board in an image: pixels (K, 2) and their numbers (K,)."""
@@ -63,7 +68,7 @@ def convert_images(request: Request) -> Draft:
         Without OpenCV; for an image that cannot be read or has another size, a board that is not found,
         markers of another board, and joint readings without an image.
     """
-    cv2 = opencv()
+    cv2 = library("cv2", "images need OpenCV", "--board", "install it: `pip install bayescal[camera]`")
     try:
         board = board_of(request.board)
     except ValueError as error:
@@ -93,16 +98,11 @@ def convert_images(request: Request) -> Draft:
     session, roles = roles_of(request, session, False)
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
     rows = {name: k for k, name in enumerate(readings.cells["image"])}
-    line = readings.line[np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])]
+    line = readings.line[[rows[name] for name in session.measurements.stop or ()]]
     return Draft(
         session, text, (*notes, *lens, roles), log=readings.name, line=line,
         beside={PICTURE: _picture(cv2, images, used)},
     )  # fmt: skip
-
-
-def opencv() -> Any:
-    """OpenCV, or the command that installs it."""
-    return library("cv2", "images need OpenCV", "--board", "install it: `pip install bayescal[camera]`")
 
 
 def _readings(request: Request, robot: Robot) -> Table:
@@ -171,13 +171,13 @@ def _detected(
         if grey.shape != (height, width):
             what = f"{grey.shape[1]} x {grey.shape[0]} px, the others have {width} x {height}"
             raise BayescalError(what, str(path), "import images of one resolution")
-        detections.append(find(name, grey))
+        detections.append(Found(name, *find(grey)))
     return (width, height), detections, how
 
 
 def _detector(
     cv2: Any, images: dict[str, Path], board: Board, request: Request
-) -> tuple[Callable[[str, np.ndarray], Found], str]:
+) -> tuple[Callable[[np.ndarray], Corners], str]:
     """What finds the corners of the board in an image, and how."""
     if board.kind == "checkerboard":
         return partial(_checkerboard, cv2, board), "checkerboard"
@@ -202,7 +202,7 @@ def _detector(
     detectors = [cv2.aruco.CharucoDetector(layout) for layout in layouts]
     for detector in detectors:
         detector.setDetectorParameters(_subpixel(cv2))
-    best = max(detectors, key=lambda d: sum(len(_charuco(d, "", grey).number) for grey in some))
+    best = max(detectors, key=lambda d: sum(len(_charuco(d, grey)[1]) for grey in some))
     how = f"markers {text}{', pattern of OpenCV before 4.6' if best is detectors[1] else ''}"
     return partial(_charuco, best), how
 
@@ -226,23 +226,23 @@ def _subpixel(cv2: Any) -> Any:
     return parameters
 
 
-def _charuco(detector: Any, name: str, grey: np.ndarray) -> Found:
+def _charuco(detector: Any, grey: np.ndarray) -> Corners:
     corners, numbers, _, _ = detector.detectBoard(grey)
     if numbers is None or corners is None:
-        return _none(name)
-    return Found(name, np.reshape(corners, (-1, 2)).astype(float), np.ravel(numbers))
+        return NONE
+    return np.reshape(corners, (-1, 2)).astype(float), np.ravel(numbers)
 
 
-def _checkerboard(cv2: Any, board: Board, name: str, grey: np.ndarray) -> Found:
+def _checkerboard(cv2: Any, board: Board, grey: np.ndarray) -> Corners:
     good, corners = cv2.findChessboardCornersSB(grey, board.squares, flags=cv2.CALIB_CB_ACCURACY)
     if not good:
-        return _none(name)
+        return NONE
     pixel = corners.reshape(-1, 2).astype(float)
     columns, rows = board.squares
     first, second = pixel[columns - 1] - pixel[0], pixel[(rows - 1) * columns] - pixel[0]
     if first[0] * second[1] - first[1] * second[0] < 0:  # x to the right, y down, as seen from the front
         pixel = pixel.reshape(rows, columns, 2)[:, ::-1].reshape(-1, 2)
-    return Found(name, pixel, np.arange(len(pixel)))
+    return pixel, np.arange(len(pixel))
 
 
 def _tags(detector: Any, grey: np.ndarray) -> dict[int, np.ndarray]:
@@ -252,13 +252,8 @@ def _tags(detector: Any, grey: np.ndarray) -> dict[int, np.ndarray]:
     return {k: np.reshape(c, (4, 2)).astype(float) for k, c in zip(numbers, corners, strict=True)}
 
 
-def _tag(detector: Any, name: str, grey: np.ndarray) -> Found:
-    pixel = next(iter(_tags(detector, grey).values()), None)
-    return _none(name) if pixel is None else Found(name, pixel, np.arange(4))
-
-
-def _none(name: str) -> Found:
-    return Found(name, np.zeros((0, 2)), np.zeros(0, int))
+def _tag(detector: Any, grey: np.ndarray) -> Corners:
+    return next(((pixel, np.arange(4)) for pixel in _tags(detector, grey).values()), NONE)
 
 
 def _session(

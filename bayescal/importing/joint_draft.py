@@ -24,8 +24,8 @@ from bayescal.importing.joint_rows import Rows, divided, repeats, roles, speeds
 from bayescal.importing.joint_tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
 from bayescal.importing.joint_torques import contradiction, one_torque
 from bayescal.logs import SCHEMA, read_log
-from bayescal.logs.mechanism import PAIRS, TURNING_PART, bounds_of
 from bayescal.logs.read import PER_JOINT
+from bayescal.logs.types import PAIRS, TURNING_PART, bounds_of
 from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
 from bayescal.robots.servos import GRIPPER
 from bayescal.robots.urdf import LARGEST, parse_markup

@@ -15,7 +15,6 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
-from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, or_nan, with_bodies
 from bayescal.logs.schema import (
     OF_JOINTS,
     SCHEMA,
@@ -26,7 +25,20 @@ from bayescal.logs.schema import (
     Uncertainty,
     known_keys,
 )
-from bayescal.logs.types import CALIBRATE, FEWEST_ROWS, VALIDATE, Controller, Log, Motion
+from bayescal.logs.types import (
+    CALIBRATE,
+    FEWEST_ROWS,
+    TRANSITION,
+    VALIDATE,
+    Controller,
+    Log,
+    Mechanism,
+    Motion,
+    Uncertain,
+    mechanism_of,
+    or_nan,
+    with_bodies,
+)
 from bayescal.robots import load_robot
 from bayescal.robots.schema import SIX
 from bayescal.storage.files import Document, check_schema, column_of, in_si, read_document, si

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from bayescal.arm.transforms import rpy_of
-from bayescal.logs.mechanism import PAIRS, Mechanism
+from bayescal.logs.types import PAIRS, Mechanism
 from bayescal.storage.files import Keys, Name, NotNegative, Number, Positive, Vector
 from bayescal.storage.writing import Block, block_lines, flow, in_file, row_keys, scalar
 

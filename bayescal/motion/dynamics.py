@@ -6,7 +6,7 @@ import numpy as np
 
 from bayescal.arm.transforms import compiled
 from bayescal.logs import Mechanism
-from bayescal.logs.mechanism import PAIRS, inertial
+from bayescal.logs.types import PAIRS, inertial
 from factors.kind import cross_matrix
 
 PARAMETERS = 10
@@ -49,7 +49,7 @@ def regressor(
     Returns
     -------
     np.ndarray, shape (N, n, n, 10)
-        N m of each reading, by each parameter of each body, as `bayescal.logs.mechanism.inertial`.
+        N m of each reading, by each parameter of each body, as `bayescal.logs.types.inertial`.
     """
     q, dq, ddq = (x @ m.coupling.T for x in (q, dq, ddq))
     count, n = q.shape

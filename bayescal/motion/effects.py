@@ -13,8 +13,7 @@ from itertools import product, starmap
 import numpy as np
 
 from bayescal.logs import Log
-from bayescal.logs.mechanism import inertial
-from bayescal.logs.types import LINK, SERVO, TRACKING
+from bayescal.logs.types import LINK, SERVO, TRACKING, inertial
 from bayescal.motion.dynamics import carried, payload_of
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.mechanism import PAIRS, inertial
-from bayescal.logs.types import SERVO, TRACKING
+from bayescal.logs.types import PAIRS, SERVO, TRACKING, inertial
 from bayescal.motion.dynamics import carried, stuck
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import BASELINE

@@ -18,7 +18,7 @@ from importlib.metadata import version
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from threading import Thread
-from typing import Any, Protocol
+from typing import Any
 
 from bayescal.errors import BayescalError
 from bayescal.storage.reading import library
@@ -59,25 +59,6 @@ class Queue:
         self._back.extendleft(reversed(list(jobs)))
 
 
-class Crew(Protocol):
-    """Executor of jobs: a local process, or a cluster."""
-
-    jobs: dict[futures.Future[Any], Job]
-    """Under way, in the order in which they were handed over."""
-
-    def fill(self, work: Work, queue: Queue) -> None:
-        """Submit jobs up to the capacity."""
-
-    def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """Return finished jobs; jobs that were lost with a worker are queued again."""
-
-    def close(self) -> None:
-        """Cancel running jobs."""
-
-    def kill(self) -> None:
-        """End running jobs: this process is stopped."""
-
-
 KILLS = 3
 """Number of killed processes after which a task is abandoned."""
 DEPTH = 2
@@ -88,7 +69,10 @@ THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 
 
 class Process:
-    """A local process. Jobs run in order, so the first unfinished job is the one that killed it."""
+    """A local process. Jobs run in order, so the first unfinished job is the one that killed it.
+
+    `jobs` are under way, in the order in which they were handed over.
+    """
 
     def __init__(self) -> None:
         self.jobs: dict[futures.Future[Any], Job] = {}
@@ -99,7 +83,7 @@ class Process:
         return futures.ProcessPoolExecutor(1, get_context("spawn"), initializer=_settle)
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """See `Crew`."""
+        """Submit jobs up to the capacity."""
         while len(self.jobs) < DEPTH and (job := queue.take()):
             try:
                 with _no_interrupts():  # the process is started here
@@ -111,7 +95,7 @@ class Process:
                 self._pool = self._start()
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """See `Crew`."""
+        """Return finished jobs; jobs that were lost with a worker are queued again."""
         ended = [future for future in self.jobs if future.done()]
         if any(_broken(future) for future in ended):
             futures.wait(self.jobs)  # later jobs fail with it
@@ -132,11 +116,11 @@ class Process:
             yield first.index, Lost(f"its process was killed {KILLS} times")
 
     def close(self) -> None:
-        """See `Crew`; the running job is awaited."""
+        """Cancel jobs; the running one is awaited."""
         self._pool.shutdown(cancel_futures=True)
 
     def kill(self) -> None:
-        """See `Crew`."""
+        """End running jobs: this process is stopped."""
         for process in list(self._pool._processes.values()):  # public from Python 3.14
             process.kill()
 
@@ -173,7 +157,7 @@ def results(
     """
     queue = Queue(tasks)
     with ExitStack() as stack:
-        crews: list[Crew] = []
+        crews: list[Process | Cluster] = []
         for _ in range(workers if dask is None else 1):
             crews.append(Process() if dask is None else Cluster(dask))
             stack.callback(crews[-1].close)
@@ -269,18 +253,17 @@ class Cluster:
             raise BayescalError(f"a worker lacks {PACKAGE}", self.address, INSTALL) from None
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """See `Crew`.
+        """See `Process`.
 
         Raises
         ------
         BayescalError
-                If there is no worker, or the scheduler was lost.
+            If there is no worker, or the scheduler was lost.
         """
         room = self._threads() - len(self.jobs)
-        for _ in range(room):
-            if (job := queue.take()) is None:
-                return
+        while room > 0 and (job := queue.take()):
             self.jobs[self._executor.submit(work, job.task)] = job
+            room -= 1
 
     def _threads(self) -> int:
         try:
@@ -293,7 +276,7 @@ class Cluster:
             raise self._gone() from None
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """See `Crew`.
+        """See `Process`.
 
         Raises
         ------
@@ -319,9 +302,9 @@ class Cluster:
         return BayescalError("the Dask scheduler was lost", self.address, AGAIN)
 
     def close(self) -> None:
-        """See `Crew`."""
+        """Cancel running jobs."""
         self._executor.shutdown(wait=False)
         self._client.close(timeout=CONNECT)
 
     def kill(self) -> None:
-        """See `Crew`; `close` cancels its jobs without waiting."""
+        """See `Process`; `close` cancels its jobs without waiting."""

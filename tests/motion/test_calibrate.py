@@ -15,9 +15,9 @@ from influences import check_written, unseen
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
-from bayescal.logs.mechanism import PAIRS, inertial, with_bodies
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm, arm_text
+from bayescal.logs.types import PAIRS, inertial, with_bodies
 from bayescal.motion import calibrate as calibration
 from bayescal.motion.calibrate import calibrate
 from bayescal.motion.estimate import of_role

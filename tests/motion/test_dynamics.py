@@ -9,8 +9,7 @@ from motion.made import inverse, model_of
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.logs import read_log
-from bayescal.logs.mechanism import inertial, mechanism_of
-from bayescal.logs.types import Controller
+from bayescal.logs.types import Controller, inertial, mechanism_of
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import EFFECTS, Scale, warming
 from bayescal.motion.estimate import moved_to

@@ -7,7 +7,7 @@ from urdf_texts import joint, link, robot
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.errors import BayescalError
-from bayescal.logs.mechanism import mechanism_of
+from bayescal.logs.types import mechanism_of
 from bayescal.robots import load_robot, only_revolute, robot_to_yaml
 
 SCARA = """schema: bayescal-robot/1
