@@ -98,7 +98,7 @@ def convert_images(request: Request) -> Draft:
     session, roles = roles_of(request, session, False)
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
     rows = {name: k for k, name in enumerate(readings.cells["image"])}
-    line = readings.line[[rows[name] for name in session.measurements.stop or ()]]
+    line = readings.line[np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])]
     return Draft(
         session, text, (*notes, *lens, roles), log=readings.name, line=line,
         beside={PICTURE: _picture(cv2, images, used)},
