@@ -170,8 +170,8 @@ class PlanEntry(Keys):
     """Height of the table in F0, against gravity."""
     payload_kg: tuple[Positive, ...] = ()
     """Masses that can be attached in addition to the tool."""
-    cone_deg: Annotated[float, Field(gt=0, le=90)] | None = None
-    """Greatest angle between the tool's z axis and the inward normal; default 60."""
+    cone_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    """Greatest angle between the tool's z axis and the inward normal; default 60, below six joints 100."""
     clearance_mm: Positive | None = None
     """Smallest clearance of motions between contacts; default 5."""
     poses_deg: tuple[tuple[Number, ...], ...] = ()

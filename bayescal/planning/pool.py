@@ -28,12 +28,9 @@ from bayescal.estimate.estimate import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.options import FitOptions, Part
-from bayescal.probing.motions import CLEAR
+from bayescal.probing.motions import CLEAR, CONE
 from bayescal.probing.scene import Scene as SolidScene
 from bayescal.probing.scene import scene_of
-
-CONE = np.radians(60.0)
-"""rad: working cone of a probe that states none, of its axis about the inward normal (assumed)."""
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from bayescal.dataset.regions import Probing, Region, Session
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.planning.pool import CONE, Setup
-from bayescal.probing.motions import CLEAR
+from bayescal.planning.pool import Setup
+from bayescal.probing.motions import CLEAR, cone_of
 from bayescal.probing.scene import artefacts, box_of, table_height, up_of
 from bayescal.robots import Loaded
 
@@ -165,7 +165,7 @@ def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
         volume=plan.volume,
         payloads=plan.payloads,
         table=plan.table,
-        cone=CONE if plan.cone is None else plan.cone,
+        cone=cone_of(dataset.robot) if plan.cone is None else plan.cone,
         clearance=CLEAR if plan.clearance is None else plan.clearance,
         validated=_validated(dataset),
         notes=notes,

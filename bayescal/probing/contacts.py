@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.inverse import LEVER, PASSES, descend, to_frames
+from bayescal.arm.inverse import LEVER, PASSES, descend, to_frames, to_points
 from bayescal.arm.transforms import cone, rpy_matrix
 from bayescal.dataset.types import Dataset
 from bayescal.probing.clearance import RETRACT, Clearance, path_free
-from bayescal.probing.motions import CLEAR, Arm, Place, inverse
+from bayescal.probing.motions import CLEAR, DIRECTED, Arm, Place, inverse
 from bayescal.probing.scene import Scene, held_by
 
 SPEED = 5e-3  # m/s of the ball when it touches
@@ -309,9 +309,14 @@ class Hand:
     def posed(
         self, goals: np.ndarray, begin: np.ndarray, limits: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (M, n), rad, at poses (M, 4, 4) of the tool, as far as it has joints; which are solved."""
+        """Angles (M, n), rad, at poses (M, 4, 4) of the tool, or at their points alone; which are solved.
+
+        An arm of fewer than `DIRECTED` joints turns its tool on a line: not every direction is had beside it.
+        """
         low, high = np.broadcast_to(limits, (2, self.arm.robot.n))
-        return descend(to_frames(self.arm, goals), begin, low, high, PASSES // 2)
+        directed = self.arm.robot.n >= DIRECTED
+        task = to_frames(self.arm, goals) if directed else to_points(self.arm, goals[:, :3, 3])
+        return descend(task, begin, low, high, PASSES // 2)
 
 
 @dataclass(frozen=True)
@@ -336,7 +341,8 @@ class Straight:
         goals[:, :3, :3] = Rotation.from_rotvec(self.turning * axis).as_matrix() @ goals[:, :3, :3]
         goals[:, :3, 3] += RETRACT * sites.normals
         begin, seconds = arm.angles_of(readings), RETRACT / SPEED
-        angles, solved = self.hand.posed(goals, begin, arm.range)
+        start = begin if arm.robot.n >= DIRECTED else begin + self.turning * rng.normal(size=begin.shape)
+        angles, solved = self.hand.posed(goals, start, arm.range)
         fast = np.abs(angles - begin).max(axis=1) / seconds > FASTEST
         off = arm.readings_of(angles)
         reason = np.where(solved, np.where(fast, FAST, ""), STUCK).astype(object)

@@ -15,6 +15,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from bayescal.arm.chain import Robot
 from bayescal.arm.inverse import PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.motion import NominalArm
 from bayescal.probing.clearance import Clearance
@@ -24,8 +25,16 @@ MARGIN = np.radians(4.0)
 
 DIRECTED = 6
 """Joints from which on a tool can have any direction at a place: the last of five turns it about itself."""
+CONE, CONE_OF_FEW = np.radians(60.0), np.radians(100.0)
+"""rad: greatest angle of the z axis of a tool that states none to the inward normal (assumed): of an arm
+of `DIRECTED` joints or more, and of one of fewer, which touches a wall with the side of the ball."""
 
 BEHIND, FLOOR = -0.05, -0.1  # relative to the reach: limits of the arm behind and below the base
+
+
+def cone_of(robot: Robot) -> float:
+    """Working cone of a tool that states none: greatest angle to the inward normal, rad."""
+    return CONE if robot.n >= DIRECTED else CONE_OF_FEW
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,10 @@ from bayescal.errors import BayescalError
 from bayescal.probing.artefacts import FACES, LONGEST, RADIUS, Cube, Sizes, layout
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import Contacts, Moving, Sites, reach
-from bayescal.probing.motions import DIRECTED, Arm
+from bayescal.probing.motions import Arm, cone_of
 from bayescal.probing.scene import Solid, on_table
 from bayescal.statistics import stream
 
-TILT, TILT_OF_FEW = np.radians(60.0), np.radians(100.0)
-"""rad: maximum angle between the z axis of the flange and the inward normal: of an arm of six joints or more,
-and of one of fewer joints, which touches a wall with the side of the ball."""
 STARTS = 8  # per contact
 LOCAL = 12  # steps of a search that starts near its goal; those that converge need 3 to 10
 PROBES = 16  # contacts that are tested in a configuration of the arm
@@ -74,7 +71,7 @@ def touching(
     contacts : Contacts
         The K contacts.
     """
-    tilt = TILT if arm.robot.n >= DIRECTED else TILT_OF_FEW
+    tilt = cone_of(arm.robot)
     tries, passes = (STARTS, PASSES) if starts is None else (1, LOCAL)
     index = np.repeat(np.arange(len(points)), tries)
     begin = arm.anywhere(len(index), rng) if starts is None else starts

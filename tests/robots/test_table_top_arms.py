@@ -6,7 +6,10 @@ from cases import DATA
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
+from bayescal.planning.candidates import candidates
+from bayescal.planning.setup import read_setup
 from bayescal.preparing.artefacts import Room
+from bayescal.preparing.folder import start
 from bayescal.robots import full_name, load_robot
 
 mujoco = pytest.importorskip("mujoco")
@@ -31,6 +34,14 @@ def test_artefacts_suit_the_arm():
     assert room.cube.edge == 0.0508
     assert len(room.faces) == 4
     assert len({face[1] for face in room.faces}) == 3
+
+
+def test_the_proposed_places_can_be_planned(tmp_path):
+    """Five joints turn the tool on its way off a face, and touch a wall with the side of the ball."""
+    start(tmp_path / "new", "so101", ["cube"])
+    pool = candidates(read_setup(tmp_path / "new"), 80, validation=False)
+    counts = np.bincount(pool.session.measurements.target[pool.candidates], minlength=4)
+    assert counts.min() >= 10, counts
 
 
 def test_a_larger_arm_has_a_larger_cube():
