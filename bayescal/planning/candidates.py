@@ -290,7 +290,7 @@ def _pool(
     payload = np.where(loaded, rng.choice(setup.payloads or (0.0,), len(role)), 0.0)
     each = np.array([_points(t) for t in setup.dataset.targets])[target]
     rows = Possible(role, target, tool, reached.readings, reached.velocity, payload, each)[order]
-    session = session_of(setup.dataset, rows, rng)
+    session = session_of(setup.at_its_noise, rows, rng)
     before = len(setup.dataset.measurements.ids)
     of = np.repeat(np.arange(len(rows)), rows.points)
     shift = session.measurements.readings[before:] - rows.readings[of]

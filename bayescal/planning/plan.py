@@ -248,12 +248,15 @@ class Continuation:
         next contacts shall show every effect.
     probability : mapping of str to float
         Of every effect that was assessed.
+    noise_scale : mapping of str to float
+        Factors on the stated noise that were found, by noise group.
     """
 
     effects: tuple[str, ...]
     without: tuple[str, ...]
     pairs: tuple[Pair, ...]
     probability: Mapping[str, float]
+    noise_scale: Mapping[str, float]
 
 
 def continuation(dataset: Dataset, gap: Path | str) -> Continuation:
@@ -297,6 +300,7 @@ def continued(record: Mapping[str, Any], where: str) -> Continuation:
     try:
         effects, without = tuple(record["baseline"]), tuple(record["without"])
         probability = {name: float(p) for name, p in record["probability"].items()}
+        noise_scale = {group: float(k) for group, k in record["noise_scale"].items()}
         named = [n["effect"] for n in record["named"]]
         pairs = tuple(
             Pair(*(_side(pair[key]) for key in ("a", "b", "common"))) for pair in record["undecided"]
@@ -310,7 +314,7 @@ def continued(record: Mapping[str, Any], where: str) -> Continuation:
         pairs = tuple(
             p for p in pairs if not any(s.selection.effect == COMPLIANCE.name for s in (*p.a, *p.b))
         )
-    return Continuation(effects, without, pairs, probability)
+    return Continuation(effects, without, pairs, probability, noise_scale)
 
 
 def _side(entries: list[Mapping[str, Any]]) -> Side:

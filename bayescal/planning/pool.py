@@ -15,13 +15,14 @@ contacts.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from bayescal.dataset import Box, Dataset
 from bayescal.dataset.regions import Region
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, linearise, unfitted, unit_weights
 from bayescal.estimate.estimate import check_length
@@ -59,6 +60,8 @@ class Setup:
         Readings, rad, of poses between which distances must be accurate; M = 0 if none are stated.
     notes : tuple of str
         What the user should know about the setup.
+    noise_scale : mapping of str to float
+        Factors on the stated noise by noise group, as a diagnosis of the session found them.
     """
 
     dataset: Dataset
@@ -71,6 +74,16 @@ class Setup:
     notes: tuple[str, ...] = ()
     clearance: float = CLEAR
     poses: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    noise_scale: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def at_its_noise(self) -> Dataset:
+        """The dataset with the noise to expect: that which was found, or else that which is stated."""
+        stated, m = self.dataset.noise, self.dataset.measurements
+        noise = {g: k * getattr(stated, g) for g, k in self.noise_scale.items() if getattr(stated, g, None)}
+        of = [self.noise_scale.get(KINDS[t.kind].noise, 1.0) for t in self.dataset.targets]
+        u = None if m.u is None else m.u * np.array(of)[m.target]
+        return replace(self.dataset, noise=replace(stated, **noise), measurements=replace(m, u=u))
 
     @cached_property
     def scene(self) -> SolidScene:

@@ -301,6 +301,7 @@ def plan(
     if open_:
         without = parts_of(open_.without, effects)
         options = replace(options, pairs=open_.pairs, without=without, probability=open_.probability)
+        where = replace(where, noise_scale=open_.noise_scale)
     return PlanResult(run(where, options, progress))
 
 

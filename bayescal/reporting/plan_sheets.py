@@ -218,7 +218,6 @@ def contacts(plan: Plan) -> Sheet:
 
 
 AIMS = {DISTANCES: "for distances", GAP: "for the gap", BOTH: "for distances and the gap"}
-IF_RIGHT = "assuming that model and stated noise are correct"
 FURTHER = 20
 """Further contacts of `Plan.next_u`."""
 
@@ -229,10 +228,17 @@ def title(plan: Plan) -> str:
     return f"plan of {count(plan)} {noun(plan)} {aim}; model: {', '.join(plan.effects) or 'nominal'}"
 
 
+def if_right(plan: Plan) -> str:
+    """On what the expected figures depend."""
+    noise = "the noise of the diagnosis" if plan.pool.setup.noise_scale else "stated noise"
+    return f"assuming that model and {noise} are correct"
+
+
 def headline(plan: Plan) -> Iterator[str]:
     """The expected U of the first goal, and the random contacts that give the same."""
     for e in plan.expected[:1]:
-        yield f"Expected U = {um2(COVERAGE_FACTOR * e.u)} µm (k = 2) of {e.count} {over(plan, e)}, {IF_RIGHT}"
+        of = f"{e.count} {over(plan, e)}"
+        yield f"Expected U = {um2(COVERAGE_FACTOR * e.u)} µm (k = 2) of {of}, {if_right(plan)}"
         if np.isfinite(plan.equals_random):
             yield f"Equivalent to about {two_digits(plan.equals_random)} random {noun(plan)}"
         else:

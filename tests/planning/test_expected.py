@@ -415,6 +415,7 @@ RECORD = {
     "dataset": {"sha256": "a"},
     "baseline": list(MODEL),
     "without": [],
+    "noise_scale": {},
     "named": [],
     "probability": {"null": 0.5, "backlash": 0.2},
     "undecided": [],

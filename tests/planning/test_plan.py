@@ -199,6 +199,13 @@ def test_a_diagnosis_is_continued(session, setup, tmp_path):
     by_path, by_result = (_setup(tmp_path / "measured", own, False) for own in (tmp_path / "gap", gap))
     assert by_path[1] == by_result[1]
     assert by_path[1].effects == ("geometry",)
+    (scale,) = by_path[1].noise_scale.values()
+    assert scale == gap.data.arm.weights.scale["contact"] != 1.0
+    more = bc.plan(tmp_path / "measured", 12, "gap", after=gap, candidates=120)
+    assert "the noise of the diagnosis" in str(more)
+    pool = more.data.pool
+    assert pool.setup.dataset.noise == session.dataset.noise  # written as it was stated
+    assert pool.session.noise.contact == pytest.approx(scale * session.dataset.noise.contact)
     copy = tmp_path / "gap" / "dataset"  # the page names it
     assert bc.read_dataset(copy).sha256 != gap.record["dataset"]["sha256"]
     assert _setup(copy, tmp_path / "gap", False)[1] == by_path[1]

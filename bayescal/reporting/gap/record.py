@@ -72,6 +72,7 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         ],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": causes.amplitude_records(gap),
+        "noise_scale": {} if gap.arm is None else dict(gap.arm.weights.scale),
         "refit": {"model": ",".join(gap.refit), "without": list(map(str, gap.still_without))},
         **entry(verdict, "credible_set90", "probability"),
         "hypotheses": [entry(h, "effects", "probability", "log_evidence") for h in verdict.hypotheses],

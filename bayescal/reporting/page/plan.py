@@ -143,7 +143,7 @@ def plan_page(plan: Plan, drawn: bytes, commands: Sequence[tuple[str, str]] = ()
     parts = (
         _first(plan, commands),
         _contacts(plan, drawn),
-        blocks("expected", f"What to expect, {plan_sheets.IF_RIGHT}", plan_sheets.expected(plan)),
+        blocks("expected", f"What to expect, {plan_sheets.if_right(plan)}", plan_sheets.expected(plan)),
         _detectable(plan),
         blocks("confusable", "Confusable effects", plan_sheets.confusable(plan)),
         blocks("parameters", "Parameters", Sheet(plan_sheets.PARAMETERS, plan.parameters)),
