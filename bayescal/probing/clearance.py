@@ -16,7 +16,8 @@ from bayescal.arm.inverse import LEVER
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import Capsule
 from bayescal.dataset.types import Tool
-from bayescal.probing.scene import Solid, arm_capsules
+from bayescal.probing.bodies import arm_capsules
+from bayescal.probing.scene import Solid
 from bayescal.probing.sweep import Pair, Pairs, signed_distances
 
 ALWAYS = 0.5

@@ -13,9 +13,10 @@ from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Tool, read_dataset
 from bayescal.errors import BayescalError
+from bayescal.probing.bodies import PASSING, arm_capsules, link_radii
 from bayescal.probing.clearance import Clearance, path_free, retracted
 from bayescal.probing.motions import CLEAR
-from bayescal.probing.scene import Scene, Solid, arm_capsules, link_radii, on_table, scene_of
+from bayescal.probing.scene import Scene, Solid, on_table, scene_of
 from bayescal.probing.sweep import Pair, signed_distances
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
@@ -309,11 +310,13 @@ def test_capsules_follow_the_arm_from_base_to_ball(name, tmp_path):
     def world(capsule, end):
         return frames[:, capsule.frame, :3, :3] @ end + frames[:, capsule.frame, :3, 3]
 
-    here, radius = frames[:, 0, :3, 3], 0.1
+    here, radius, before = frames[:, 0, :3, 3], 0.1, "ground"
     for capsule in capsules[:-1]:
         gap = np.linalg.norm(world(capsule, capsule.a) - here, axis=1).max()
-        assert gap <= 0.26 * radius + PROBE.ball_radius + 0.02 * ("stylus" in capsule.name), capsule
-        here, radius = world(capsule, capsule.b), capsule.radius
+        shortened = "3" in before and capsule.name == "link 5"  # a forearm ends before the wrist
+        most = 0.7 * (radius + capsule.radius) if shortened else 0.26 * radius
+        assert gap <= most + PROBE.ball_radius + 0.02 * ("stylus" in capsule.name), capsule
+        here, radius, before = world(capsule, capsule.b), capsule.radius, capsule.name
     assert np.allclose(here, arm.ball(frames))
     assert np.allclose(world(capsules[-1], capsules[-1].a), arm.ball(frames))
 
@@ -454,3 +457,22 @@ def test_a_ur10_can_keep_a_clearance_from_itself():
     clearance = Clearance.of(load_robot("universal-robots-ur10")[0], replace(TOOL, ball_radius=None))
     readings = clearance._sample
     assert np.mean(clearance.hits(readings, readings, CLEAR) == 0) > 0.3
+
+
+@pytest.mark.parametrize("name", ["fanuc-m10ia", "unimation-puma560", "abb-irb1600-10-145"])
+def test_a_tool_passes_a_forearm_whose_last_axes_meet(name):
+    """With the wrist at a right angle a body on the flange is 10 mm away; the whole forearm overlaps it."""
+    robot = load_robot(name)[0]
+    tool = Tool("probe", np.array([0.0, 0.0, 0.12]), 0.003)
+    capsules = arm_capsules(robot, tool)
+    forearm = [c for c in capsules if c.name == "link 3"][-1]
+    body = next(c for c in capsules if c.name == "tool probe")
+    frames = NominalArm(robot, tool.centre).frames(np.zeros((1, 6)))[0]
+    axis = frames[3, :3, :3] @ (forearm.b - forearm.a)
+    wrist, flange = frames[4, :3, 3], frames[-1, :3, 3]
+    across = np.cross(axis, [0.3, 0.5, 0.8])
+    at_right_angle = wrist + np.linalg.norm(flange - wrist) * across / np.linalg.norm(across)
+    end = frames[3, :3, :3] @ forearm.b + frames[3, :3, 3]
+    away = np.linalg.norm(at_right_angle - end) - forearm.radius - body.radius
+    assert away == pytest.approx(PASSING - body.radius)
+    assert np.linalg.norm(flange - wrist) - forearm.radius < body.radius + CLEAR

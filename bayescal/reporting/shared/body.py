@@ -15,7 +15,8 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.shapes import Box, Capsule
 from bayescal.model.scene import Scene
-from bayescal.probing.scene import arm_capsules, scene_of
+from bayescal.probing.bodies import arm_capsules
+from bayescal.probing.scene import scene_of
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.text import MM
 from bayescal.storage.reading import Json
