@@ -319,11 +319,6 @@ def test_a_time_constant_needs_the_time(cube):
         parameters_of(("thermal-drift@600",), c)
 
 
-def test_unknown_effect(cube):
-    with pytest.raises(BayescalError, match="geometrie"):
-        parameters_of(("geometrie",), circumstances(cube(seed=1).dataset))
-
-
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_says_what_it_is(name):
     """A summary, a sentence of its own, and relations to effects that exist; confusion is mutual."""

@@ -308,55 +308,6 @@ def test_a_link_without_length_does_not_bend(dataset):
     assert links == others | {f"J{j} link y" for j in range(1, 5)}
 
 
-def test_base_compliance_lets_the_arm_sag(dataset, moments):
-    """What is on the side of the arm's weight comes down, what is across from it goes up."""
-    found = drivers(dataset, "base-compliance")
-    assert {(frame, axis) for _, frame, axis in found} == {(0, axis) for axis in ("rx", "ry", "tx", "ty")}
-    scene = Scene(dataset)
-    values = {"base_compliance_x": 1e-6, "base_compliance_y": 1e-6}
-    moved = ball_centres(dataset, "base-compliance", **values)
-    ball, moment = scene.points, moments[:, 0]
-    weight = np.stack([moment[:, 1], -moment[:, 0]], axis=1)  # towards the centre of mass, N m
-    side = np.sum(ball[:, :2] * weight, axis=1)
-    np.testing.assert_allclose((moved - ball)[:, 2], -1e-6 * side, atol=1e-8)
-    assert np.mean(side > 0) > 0.5
-    hung = replace(dataset, gravity=np.array([-9.81, 0.0, 0.0]))
-    assert ("base-compliance z", 0, "rz") in drivers(hung, "base-compliance")
-
-
-def test_a_hinge_below_the_base_is_a_tilt_and_a_slide(dataset, moments):
-    """A stand that yields 0.35 m below the origin, half as much one way as the other."""
-    yields, depth = np.array([1e-6, 2e-6, 0.0]), 0.35
-    values = {
-        "base_compliance_x": yields[0],
-        "base_compliance_y": yields[1],
-        "base_compliance_slide_x": -depth * yields[0],
-        "base_compliance_slide_y": depth * yields[1],
-    }
-    scene = Scene(dataset)
-    moved = ball_centres(dataset, "base-compliance", **values)
-    hinge = np.array([0.0, 0.0, -depth])
-    expected = turned_about(hinge, yields * moments[:, 0], scene.points)
-    np.testing.assert_allclose(moved, expected, atol=3e-9)
-    alone = {name: value for name, value in values.items() if "slide" not in name}
-    tilted = ball_centres(dataset, "base-compliance", **alone)
-    assert np.max(np.abs(moved - tilted)) > 1e-5
-
-
-def test_payload_is_the_moment_of_a_kilogram_more(dataset, moments):
-    found = drivers(dataset, "payload")
-    heavier = with_columns(dataset, payload=dataset.measurements.payload + 1.0)
-    more = Scene(heavier).moments - moments
-    assert {frame for _, frame, _ in found} == {2, 3, 4, 5, 6}
-    for (_, frame, axis), driver in found.items():
-        assert axis == "rz"
-        np.testing.assert_allclose(driver, typical(6)[frame - 1] * more[:, frame, 2], atol=1e-15)
-    known = np.array([0, 1e-5, 0, 0, 0, 0])
-    stiff = replace(dataset, robot=replace(dataset.robot, compliance=known))
-    ratio = drivers(stiff, "payload")["payload mass", 2, "rz"] / found["payload mass", 2, "rz"]
-    np.testing.assert_allclose(ratio, 1e-5 / 3e-5, rtol=1e-2)  # the drawing sags a little
-
-
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
 def test_thermal_growth_makes_the_table_longer(dataset, convention):
     """Of either convention: all lengths of the table grow by the strain at each row's temperature."""

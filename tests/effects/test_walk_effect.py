@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 import pytest
-from sessions import geared
+from sessions import plain
 
 import bayescal as bc
 from bayescal.effects import ALWAYS, EFFECTS, MODELS, location
@@ -43,7 +43,7 @@ def test_a_made_up_effect_is_one_file_and_one_entry(tmp_path, monkeypatch):
     monkeypatch.setattr(EFFECTS, "_effects", dict(EFFECTS._effects))
     monkeypatch.setattr(EFFECTS, "_complete", False)  # as at the start of a program
     few = {"contacts": 100, "later": 20, "repeats": 4, "spheres": 1, "placements": 1, "seed": 3}
-    session = geared(bc.simulate(effects="geometry, compliance, cable-drag", **few).dataset)
+    session = plain(bc.simulate(effects="geometry, compliance, cable-drag", **few).dataset)
     row = bc.fit(session, "geometry, compliance, cable-drag", samples=0).parameters.loc["cable-drag"]
     assert (row.effect, row.u < 0.3 * row.prior_sd) == ("cable-drag", True)
     gap = bc.diagnose(session, "geometry, compliance")

@@ -145,7 +145,7 @@ def test_noise_is_measured(cube, stated):
     check_pulls(found, session.arm)
 
 
-@pytest.mark.parametrize("seed", [5, 6, 7])
+@pytest.mark.parametrize("seed", [5, 6])
 def test_outliers_are_left_out(cube, seed):
     """Contacts 8 to 100 times the noise off are listed, and the rest says what it said without them."""
     clean, spoilt = cube(seed=seed, count=300), cube(seed=seed, count=300, outliers=6)

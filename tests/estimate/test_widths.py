@@ -1,6 +1,7 @@
 """Prior widths by evidence: arms three times as far from nominal as stated, and arms as stated."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,6 +29,12 @@ FAMILIES = {
     "geometry angles of joints", "geometry lengths of joints", "geometry angles of links",
     "geometry lengths of links", "compliance of joints",
 }  # fmt: skip
+
+
+@cache
+def usual(tracker, seed=0):
+    """What is told of an arm as far from nominal as stated."""
+    return told(tracker(seed=seed, count=40, noise=1e-4))
 
 
 def told(session):
@@ -65,7 +72,7 @@ def test_an_arm_three_times_as_far_from_nominal(tracker):
 
 def test_stated_priors_stay_where_they_are_right(tracker):
     for seed in range(8):
-        plain, same, options, found = told(tracker(seed=seed, count=40, noise=1e-4))
+        plain, same, options, found = usual(tracker, seed)
         assert same is plain
         assert (options, found) == (USUAL, ())
 
@@ -157,7 +164,7 @@ def test_uncertainty_of_a_factor_of_direct_readings():
 
 def test_a_spread_is_that_of_the_estimator(tracker):
     """Under the stated priors the estimate's covariance is that of the prior minus the posterior."""
-    found = told(tracker(seed=0, count=40, noise=1e-4))[0]
+    found = usual(tracker)[0]
     own = [np.flatnonzero([bool(family(p)) for p in found.model.parameters])]
     free = Spread.of(found, found.covariance, own)
     total = free.noise + free.by_family[0]
@@ -254,7 +261,7 @@ def test_a_fit_that_wider_priors_do_not_permit_has_the_stated_ones(tracker, monk
 
 def test_nothing_is_told_by_few_nats(tracker):
     """The gain of all factors together decides."""
-    plain = told(tracker(seed=0, count=40, noise=1e-4))[0]
+    plain = usual(tracker)[0]
     pushed = replace(plain, z=2.0 * plain.z)
     assert not widths.widths(plain, plain.covariance)
     more = widths.widths(replace(plain, z=6.0 * plain.z), plain.covariance)

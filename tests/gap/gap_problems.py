@@ -1,7 +1,8 @@
 """Linear problems that the tests of the engine share: sessions of every kind, linearised without a fit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -162,3 +163,9 @@ class Bench:
         size = self.problem.jacobian.shape[1]
         scale = Scale(self.circumstances, 1e-10, size)
         return places(decision.hypothesis, self.pool, self.known.pool, scale)
+
+
+@cache
+def bench_of(maker: Callable, seed: int, count: int) -> Bench:
+    """The bench of a session of a maker, linearised once for all tests that change nothing of it."""
+    return Bench.of(maker(seed=seed, count=count).dataset)

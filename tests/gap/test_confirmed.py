@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_errors import NOISE, held
 from sessions import misread
 
 from bayescal.errors import BayescalError
@@ -13,33 +14,20 @@ from bayescal.gap.search.gate import confirmed, gain, share
 from bayescal.gap.settings import GATE
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import (
-    BLOCKED,
-    BY_REGION,
-    REGIONS,
-    VALIDATED,
-    regions,
-    validation_errors,
-)
-from bayescal.predict.errors import CentreDistances, ValidationErrors
+from bayescal.predict.crossvalidation import BLOCKED, BY_REGION, REGIONS, regions, validation_errors
+from bayescal.predict.errors import ValidationErrors
 
-NOISE, COUNT = 5e-6, 60
+COUNT = 60
 SCATTER = np.random.default_rng(4).standard_normal(COUNT)
 
 
 def errors(excess: float, distance: float = 0.0, correlated: float = 0.0) -> ValidationErrors:
     """Validation data with an error beside the noise, and two distances that are off by `distance`."""
     residual = NOISE * SCATTER + excess * np.where(np.arange(COUNT) % 2, 1.0, -1.0)
+    made = held(residual, distances=np.array([distance, -distance]))
     by_parameters = np.array([[NOISE, correlated], [NOISE, -correlated]])
-    distances = CentreDistances(
-        (("a", "b"), ("c", "d")), np.array([distance, -distance]), by_parameters,
-        NOISE * np.eye(2), np.zeros(2), np.tile([1.0, 0, 0], (2, 1)),
-    )  # fmt: skip
-    label = np.full(COUNT, "contact")
-    return ValidationErrors(
-        VALIDATED, "contact", residual, np.full(COUNT, NOISE), np.zeros((COUNT, 1)), np.arange(COUNT),
-        np.full(COUNT, "planes"), label, np.full(COUNT, "face"), np.arange(COUNT), distances,
-    )  # fmt: skip
+    apart = replace(made.distances, by_parameters=by_parameters, by_noise=NOISE * np.eye(2))
+    return replace(made, distances=apart)
 
 
 def judged(spoils: dict[str, float], helps: dict[str, float], base: float = 20e-6):
@@ -293,10 +281,9 @@ def test_a_joint_that_stands_still_has_no_part_in_a_region(cube):
     assert len({*zip(same.tolist(), jittered.tolist(), strict=True)}) == REGIONS
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_an_error_of_regions_does_not_confirm_a_name_that_fits_it(cube, seed):
+def test_an_error_of_regions_does_not_confirm_a_name_that_fits_it(cube):
     """Zeros of joints that differ by region: blocks of time visit all regions and do not show it."""
-    d, rng = cube(seed=1, count=150).dataset, np.random.default_rng(seed)
+    d, rng = cube(seed=1, count=150).dataset, np.random.default_rng(1)
     label = regions(d.measurements, np.arange(len(d.measurements.readings)))
     for joint in range(1, 7):
         d = misread(d, joint, 3e-4 * rng.standard_normal(REGIONS)[label])

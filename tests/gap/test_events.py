@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sessions import geared, tracker, validating, wavy, with_columns
+from sessions import plain, tracker, validating, wavy, with_columns
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
@@ -47,7 +47,7 @@ def shifted(dataset: Dataset, events: dict[int, tuple[float, ...]]) -> Dataset:
 def several():
     """Two shifts of the base, of 0.1 mm and 0.08 mm, in noise of 0.01 mm."""
     session = shifted(tracker(seed=3, count=110).dataset, {38: (1e-4, 0, 0), 80: (0, -8e-5, 2e-5)})
-    return diagnose(geared(session), MODEL)
+    return diagnose(plain(session), MODEL)
 
 
 def test_an_instrument_that_turned_is_named():
@@ -55,7 +55,7 @@ def test_an_instrument_that_turned_is_named():
     session, row, angle = tracker(seed=3, count=110).dataset, 60, 4e-4
     xyz = session.measurements.xyz.copy()
     xyz[row - 1 :] @= rpy_matrix(np.array([0.0, 0.0, angle]))  # what it reads turns back
-    gap = diagnose(geared(with_columns(session, xyz=xyz)), MODEL)
+    gap = diagnose(plain(with_columns(session, xyz=xyz)), MODEL)
     (named,) = gap.verdict.named
     assert (named.effect, [str(site) for site in named.sites]) == ("step", ["tracker"])
     low, high = named.events[0].interval95
@@ -83,7 +83,7 @@ def test_shifts_of_two_sites_have_their_rows_each():
     flange, since = Scene(d).flange, np.arange(110) >= 79
     moved = (flange @ [0.0, 1.5e-4, 1e-4]) @ rpy_matrix(np.asarray(d.targets[0].values["rpy"]))
     d = with_columns(d, xyz=d.measurements.xyz + moved * since[:, None])
-    (named,) = diagnose(geared(d), MODEL).verdict.named
+    (named,) = diagnose(plain(d), MODEL).verdict.named
     assert set(named.sites) == {BASE, TOOL}
     rows = dict(zip(named.sites, named.events, strict=True))
     for site, row in ((BASE, 38), (TOOL, 80)):
@@ -95,7 +95,7 @@ def test_two_shifts_are_as_far_apart_as_a_shift_is_from_the_ends():
     """A row that is off is no pair of shifts: six displacements would explain it."""
     events = {38: (3e-4, 0, 0), 40: (0, 3e-4, 0), 80: (0, 1e-4, 0)}
     session = shifted(tracker(seed=3, count=110).dataset, events)
-    e = examine(Scene(geared(session), oriented=True), MODEL, FitOptions())
+    e = examine(Scene(plain(session), oriented=True), MODEL, FitOptions())
     c = e.circumstances
     assert not long_enough(c, 38.0, 40.0)
     assert long_enough(c, 38.0, 41.0)
@@ -205,7 +205,7 @@ def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
     """The rest of the diagnosis is there, with the reason."""
     refused = failing(BayescalError("the fit does not converge"))
     monkeypatch.setattr("bayescal.gap.diagnose.judged_level", refused)
-    gap = diagnose(geared(tracker(seed=3, count=60).dataset), MODEL)
+    gap = diagnose(plain(tracker(seed=3, count=60).dataset), MODEL)
     assert [step.model for step in gap.levels] == [MODEL]
     lost = [w for w in gap.warnings if "left out" in w]
     assert len(lost) == 3
@@ -227,7 +227,7 @@ def test_time_constants_have_three_digits():
 @pytest.fixture(scope="module")
 def waved():
     """A session with a second harmonic of joint 5, and rows that validate."""
-    return validating(wavy(tracker(seed=3, count=80).dataset), 4)
+    return validating(plain(wavy(tracker(seed=3, count=80).dataset)), 4)
 
 
 STAGES = {

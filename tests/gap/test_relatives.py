@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gap_problems import Bench
+from gap_problems import bench_of
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -25,7 +25,7 @@ LOADED = Driver("torque", 2)
 
 @pytest.fixture(scope="module")
 def bench(cube):
-    return Bench.of(cube(seed=1, count=200).dataset)
+    return bench_of(cube, 7, 180)
 
 
 def with_backlash(bench, by, seed, strength=400.0):

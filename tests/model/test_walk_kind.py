@@ -3,10 +3,13 @@
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
 from kind_sessions import MIDDLE, Piece, of_pieces
+from sessions import plain
 
 import bayescal as bc
 from bayescal.calibration import fit
@@ -70,15 +73,21 @@ def places(target, region, radius, count, rng):
     return region.centre + rng.uniform(-1, 1, (count, 2)) @ region.half, np.full((count, 3), np.nan)
 
 
-@pytest.fixture
-def declared(tmp_path, monkeypatch):
-    """The kind, made of a file in a temporary folder and of one declaration."""
-    (tmp_path / "height_gauge.py").write_text(FILE)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "height_gauge", raising=False)
-    from height_gauge import Gauge
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("kind")
 
-    kind = TargetKind(
+
+@pytest.fixture(scope="module")
+def made_up(folder):
+    """The kind, made of a file in a temporary folder and of one declaration."""
+    (folder / "height_gauge.py").write_text(FILE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        patch.delitem(sys.modules, "height_gauge", raising=False)
+        from height_gauge import Gauge
+
+    return TargetKind(
         "gauge",
         "a height along a known direction",
         {"direction": Vector, "height_mm": Number},
@@ -90,21 +99,33 @@ def declared(tmp_path, monkeypatch):
         direction="direction",
         planned=Probing(region, places, sizes=("width", "height")),
     )
-    monkeypatch.setitem(KINDS, kind.name, kind)
-    return kind
 
 
 @pytest.fixture
-def dataset(declared, cube, tmp_path):
-    """A session on a cube and of the gauge, whose height is not the nominal one, written and read."""
-    true = declared.build(replace(GAUGE, values={"direction": UP, "height": HEIGHT + OFF}), None)
+def declared(made_up, monkeypatch):
+    monkeypatch.setitem(KINDS, made_up.name, made_up)
+    return made_up
+
+
+@pytest.fixture(scope="module")
+def written(made_up, cube, folder):
+    """A session on a cube and of the gauge, whose height is not the nominal one: its folder, and as read."""
+    true = made_up.build(replace(GAUGE, values={"direction": UP, "height": HEIGHT + OFF}), None)
     piece = Piece(GAUGE, true, count=40, held=8, about=MIDDLE)
     made = of_pieces(cube(seed=3, count=80), [piece], seed=1).dataset
-    write_dataset(replace(made, plan=PlanSettings(regions={"gauge": Patch(CENTRE, SIZE)})), tmp_path / "s")
-    text = (tmp_path / "s/dataset.yaml").read_text()
-    assert "gauge: {kind: gauge, direction: [0, 0, 1], height_mm: 300, u_mm: 5}" in text
-    assert "gauge: {centre_mm: [400, 0, 300], size_mm: [300, 400]}" in text
-    return read_dataset(tmp_path / "s")
+    made = replace(made, plan=PlanSettings(regions={"gauge": Patch(CENTRE, SIZE)}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(KINDS, made_up.name, made_up)
+        write_dataset(made, folder / "s")
+        text = (folder / "s/dataset.yaml").read_text()
+        assert "gauge: {kind: gauge, direction: [0, 0, 1], height_mm: 300, u_mm: 5}" in text
+        assert "gauge: {centre_mm: [400, 0, 300], size_mm: [300, 400]}" in text
+        return folder / "s", read_dataset(folder / "s")
+
+
+@pytest.fixture
+def dataset(declared, written):
+    return written[1]
 
 
 def test_fit_takes_it(dataset):
@@ -130,8 +151,8 @@ def test_fit_takes_it(dataset):
         ),
     ],
 )
-def test_its_mistakes_are_told_like_those_of_any_kind(dataset, tmp_path, wrong, words):
-    file = tmp_path / "s" / "dataset.yaml"
+def test_its_mistakes_are_told_like_those_of_any_kind(declared, written, tmp_path, wrong, words):
+    file = Path(copytree(written[0], tmp_path / "s")) / "dataset.yaml"
     text = file.read_text()
     for old, new in wrong.items():
         assert old in text
@@ -141,15 +162,14 @@ def test_its_mistakes_are_told_like_those_of_any_kind(dataset, tmp_path, wrong, 
         read_dataset(tmp_path / "s")
 
 
-def test_without_its_declaration_it_is_unknown(dataset, tmp_path, monkeypatch):
-    monkeypatch.delitem(KINDS, "gauge")
+def test_without_its_declaration_it_is_unknown(written):
     with pytest.raises(BayescalError, match=r"unknown kind 'gauge'.*'plane', 'sphere'"):
-        read_dataset(tmp_path / "s")
+        read_dataset(written[0])
 
 
 def test_gap_takes_it(dataset):
     """All errors of the arm are in the model: nothing is named."""
-    assert bc.diagnose(dataset).data.verdict.kind == "null"
+    assert bc.diagnose(plain(dataset)).data.verdict.kind == "null"
 
 
 def test_plan_takes_it(dataset, quick_search):

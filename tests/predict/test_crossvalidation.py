@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sessions import kept_back, with_columns
+from kind_sessions import of_pieces, sphere
+from sessions import with_columns
 
-from bayescal.dataset import Certificate, Target
+from bayescal.dataset import Certificate
 from bayescal.estimate import calibrated, estimate, solve
 from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.model import build
@@ -19,76 +20,23 @@ from bayescal.predict.validation import validate
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}
-DIAMETER, BALL = 25.4e-3, 3e-3
 
 
-def reached(arm, readings, goals):
-    """Readings (C, n) from which the first three joints bring the ball to the goals (C, 3), and which did."""
-    towards = np.broadcast_to(np.eye(3), (len(goals), 3, 3))
-    readings, met = arm.driven(
-        readings, np.zeros(len(goals)), lambda p, which: (p - goals[which], towards[which]), to=1e-6
-    )
-    return readings, met & np.all(np.abs(readings[:, :3]) < 2.5, axis=1)
-
-
-def with_spheres(arm, d, noise, seed=0, each=14):
-    """Two spheres touched by the true arm, as rows to validate, with noise in the place of the contact."""
-    rng = np.random.default_rng(seed)
-    readings, target = [], []
-    for k, centre in enumerate(BALLS.values()):
-        u = rng.standard_normal((4 * each, 3))
-        u[:, 2] = np.abs(u[:, 2])
-        u /= np.linalg.norm(u, axis=1)[:, None]
-        start = np.tile(d.measurements.readings[: 4 * each], (4 * each, 1))[: 4 * each]
-        r, found = reached(arm, start, np.array(centre) + u * (DIAMETER / 2 + BALL))
-        assert found.sum() >= each
-        readings.append(r[found][:each])
-        target += [len(d.targets) + k] * each
-    readings, target = np.concatenate(readings), np.array(target)
-    centres = np.array(list(BALLS.values()))[target - len(d.targets)]
-    payload = np.zeros(len(readings))
-    gap = noise * rng.standard_normal(len(readings))
-
-    def off(p, which):
-        apart = p - centres[which]
-        length = np.linalg.norm(apart, axis=1)[:, None]
-        return length - DIAMETER / 2 - BALL - gap[which, None], (apart / length)[:, None]
-
-    readings, closed = arm.driven(readings, payload, off, to=1e-12)
-    assert np.all(closed)
-    m = d.measurements
-    more = {"readings": readings, "target": target, "payload": payload, "command": readings}
-    count = len(readings)
-    grown = replace(
-        m,
-        ids=(*m.ids, *(f"s{k}" for k in range(count))),
-        role=np.append(m.role, np.full(count, "validate")),
-        tool=np.append(m.tool, np.zeros(count, int)),
-        line=np.arange(2, len(m.line) + count + 2),
-        velocity=np.concatenate([m.velocity, rng.uniform(-0.02, 0.02, readings.shape)]),
-        torque=np.concatenate([m.torque, np.zeros_like(readings)]),
-        time=np.append(m.time, m.time[-1] + 10.0 * np.arange(1, count + 1)),
-        temperature=np.append(m.temperature, np.full(count, 20.0)),
-        **{k: np.concatenate([getattr(m, k), v]) for k, v in more.items()},
-    )
-    spheres = tuple(
-        Target(k, "sphere", {"centre": np.array(c) + 1e-4, "diameter": DIAMETER}) for k, c in BALLS.items()
-    )
+def with_spheres(session, held=0, seed=0):
+    """The session with two spheres touched by the true arm, and its last contacts with faces, to validate."""
+    pieces = [sphere(name, centre, [1e-4, 1e-4, 1e-4], count=14, held=14) for name, centre in BALLS.items()]
     length = float(np.linalg.norm(np.subtract(*BALLS.values())))
     paper = (Certificate("distance", tuple(BALLS), length, 1e-6),)
     paper += tuple(Certificate("diameter", (name,), u_distance=1e-6) for name in BALLS)
-    return replace(
-        d, measurements=grown, targets=(*d.targets, *spheres), certificates=(*d.certificates, *paper)
-    )
+    data = of_pieces(session, pieces, paper, seed).dataset
+    role, on_faces = data.measurements.role.copy(), np.flatnonzero(data.measurements.target < 4)
+    role[on_faces[len(on_faces) - held :]] = "validate"
+    return with_columns(data, role=role)
 
 
 @pytest.fixture(scope="module")
 def fitted(cube):
-    session = cube(seed=3, count=150)
-    data = with_spheres(session.arm, session.dataset, 5e-6)
-    role = data.measurements.role.copy()
-    role[120:150] = "validate"
-    return estimate(build(Scene(with_columns(data, role=role)), FULL))
+    return estimate(build(Scene(with_spheres(cube(seed=3, count=150), 30)), FULL))
 
 
 def test_linear_predictions_agree_with_the_draws(fitted):
@@ -111,8 +59,7 @@ def test_predicted_sd_is_the_error_that_is_made(cube):
     """Over sessions with other noise and another arm each: distances and held-out contacts over their sd."""
     scores, contacts = [], []
     for seed in range(7):
-        session = cube(seed=seed, count=110)
-        data = with_spheres(session.arm, kept_back(session.dataset, 20), 5e-6, seed)
+        data = with_spheres(cube(seed=seed, count=110), 20, seed)
         h = validation_errors(estimate(build(Scene(data), FULL)))
         scores.append(h.distances.error / h.distances.predicted_sd())
         contacts.append(h.residual / h.sd)

@@ -22,9 +22,7 @@ DRAWS = 1500
 @pytest.fixture(scope="module")
 def fitted(cube):
     """Few contacts, so that the arm is uncertain by several times the noise."""
-    session = cube(seed=3, count=40)
-    data = with_spheres(session.arm, session.dataset, 5e-6)
-    return estimate(build(Scene(data), FULL), robust=False)
+    return estimate(build(Scene(with_spheres(cube(seed=3, count=40))), FULL), robust=False)
 
 
 def relocated(found, t, draws, rng, excess=0.0):
