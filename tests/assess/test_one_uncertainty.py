@@ -122,8 +122,9 @@ def test_an_error_of_each_point_is_in_a_distance_twice(fitted):
 
 
 def test_a_run_folder_states_the_unexplained_error_of_its_fit(fitted, run):
-    """Read back with its degrees of freedom, in metres."""
+    """Read back with its degrees of freedom, in metres; the fit states it as a finding."""
     assert fitted.basis.excess > 0.0
+    assert "unexplained" in {f.code for f in fitted.findings}
     again = _as_written(replace(fitted.basis, excess=0.0, excess_dof=1.0), run)
     assert again.excess == pytest.approx(fitted.basis.excess)
     assert again.excess_dof == pytest.approx(fitted.basis.excess_dof)
