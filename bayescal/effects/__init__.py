@@ -8,87 +8,68 @@ from contextlib import suppress
 from dataclasses import replace
 
 from bayescal.arm.chain import Prior
-from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
-from bayescal.effects.by_time import STEP, THERMAL_DRIFT
-from bayescal.effects.compliance import BASE_COMPLIANCE, COMPLIANCE, HARDENING
-from bayescal.effects.geometry import GEOMETRY, JOINT, TOOL
-from bayescal.effects.gravity import AXIS_BENDING, BENDING, PAYLOAD, compliances
-from bayescal.effects.imaging import (
-    BOARD_BOW,
-    BOARD_SCALE,
-    CAMERA,
-    FOCAL_LENGTH,
-    IMAGE_CENTRE,
-    LENS_DISTORTION,
-)
-from bayescal.effects.location import Driver, Site, Size
-from bayescal.effects.lost_motion import BACKLASH, HYSTERESIS, LATENCY, UNSETTLED
-from bayescal.effects.probe import ARTEFACT, BALL_RADIUS, LOBING, PLANE_FORM
-from bayescal.effects.readings import (
-    ANGULAR_MOTION,
-    COUPLING,
-    ECCENTRICITY,
-    ENCODER_SCALE,
-    GEAR_MESH,
-    POSITIONING,
-    SECOND_HARMONIC,
-    STRAIGHTNESS,
-)
+from bayescal.arm.motion import CERTIFICATE as CERTIFICATE
+from bayescal.arm.motion import CONTACT as CONTACT
+from bayescal.arm.motion import TURN as TURN
+from bayescal.arm.motion import Term as Term
+from bayescal.effects import by_time, compliance, geometry, gravity, imaging, lost_motion, probe, readings
+from bayescal.effects.gravity import compliances as compliances
+from bayescal.effects.location import Driver as Driver
+from bayescal.effects.location import Site as Site
+from bayescal.effects.location import Size as Size
 from bayescal.effects.selection import Selection, Vocabulary, positive
-from bayescal.effects.vocabulary import (
-    UNITS,
-    CertifiedValue,
-    Circumstances,
-    Effect,
-    Face,
-    Parameter,
-    Scan,
-    Session,
-    Setting,
-    View,
-)
+from bayescal.effects.vocabulary import UNITS as UNITS
+from bayescal.effects.vocabulary import CertifiedValue as CertifiedValue
+from bayescal.effects.vocabulary import Circumstances as Circumstances
+from bayescal.effects.vocabulary import Effect as Effect
+from bayescal.effects.vocabulary import Face as Face
+from bayescal.effects.vocabulary import Parameter as Parameter
+from bayescal.effects.vocabulary import Scan as Scan
+from bayescal.effects.vocabulary import Session as Session
+from bayescal.effects.vocabulary import Setting as Setting
+from bayescal.effects.vocabulary import View as View
 from bayescal.errors import BayescalError
 
-BASELINE = (GEOMETRY.name, COMPLIANCE.name)
+BASELINE = (geometry.GEOMETRY.name, compliance.COMPLIANCE.name)
 """The model of a fit or diagnosis for which none is given."""
-LEVELS = {JOINT.name: JOINT}
+LEVELS = {geometry.JOINT.name: geometry.JOINT}
 """Model levels simpler than `geometry`, for comparison; a diagnosis does not name them."""
 
-ALWAYS = (TOOL.name, CAMERA.name)
+ALWAYS = (geometry.TOOL.name, imaging.CAMERA.name)
 """Effects of every model, which no robot file holds: what the session states of tools, cameras and boards."""
 
 EFFECTS = Vocabulary(
     (
-        GEOMETRY,
-        COMPLIANCE,
-        HARDENING,
-        BENDING,
-        BASE_COMPLIANCE,
-        PAYLOAD,
-        ECCENTRICITY,
-        SECOND_HARMONIC,
-        GEAR_MESH,
-        BACKLASH,
-        UNSETTLED,
-        HYSTERESIS,
-        ENCODER_SCALE,
-        COUPLING,
-        STRAIGHTNESS,
-        ANGULAR_MOTION,
-        POSITIONING,
-        AXIS_BENDING,
-        THERMAL_DRIFT,
-        STEP,
-        LOBING,
-        LATENCY,
-        PLANE_FORM,
-        ARTEFACT,
-        BALL_RADIUS,
-        FOCAL_LENGTH,
-        IMAGE_CENTRE,
-        LENS_DISTORTION,
-        BOARD_SCALE,
-        BOARD_BOW,
+        geometry.GEOMETRY,
+        compliance.COMPLIANCE,
+        compliance.HARDENING,
+        gravity.BENDING,
+        compliance.BASE_COMPLIANCE,
+        gravity.PAYLOAD,
+        readings.ECCENTRICITY,
+        readings.SECOND_HARMONIC,
+        readings.GEAR_MESH,
+        lost_motion.BACKLASH,
+        lost_motion.UNSETTLED,
+        lost_motion.HYSTERESIS,
+        readings.ENCODER_SCALE,
+        readings.COUPLING,
+        readings.STRAIGHTNESS,
+        readings.ANGULAR_MOTION,
+        readings.POSITIONING,
+        gravity.AXIS_BENDING,
+        by_time.THERMAL_DRIFT,
+        by_time.STEP,
+        probe.LOBING,
+        lost_motion.LATENCY,
+        probe.PLANE_FORM,
+        probe.ARTEFACT,
+        probe.BALL_RADIUS,
+        imaging.FOCAL_LENGTH,
+        imaging.IMAGE_CENTRE,
+        imaging.LENS_DISTORTION,
+        imaging.BOARD_SCALE,
+        imaging.BOARD_BOW,
     ),
     reserved=(*LEVELS, *ALWAYS, "null", "unknown", "nominal"),
 )
@@ -99,39 +80,6 @@ MODELS: Mapping[str, Effect] = ChainMap(LEVELS, EFFECTS)  # type: ignore[arg-typ
 
 register = EFFECTS.register
 unregister = EFFECTS.unregister
-
-__all__ = [
-    "ALWAYS",
-    "CERTIFICATE",
-    "CONTACT",
-    "EFFECTS",
-    "LEVELS",
-    "MODELS",
-    "TURN",
-    "UNITS",
-    "CertifiedValue",
-    "Circumstances",
-    "Driver",
-    "Effect",
-    "Face",
-    "Parameter",
-    "Scan",
-    "Session",
-    "Setting",
-    "Site",
-    "Size",
-    "Term",
-    "View",
-    "compliances",
-    "confusable",
-    "describe",
-    "named",
-    "names",
-    "parameters_of",
-    "possible",
-    "register",
-    "unregister",
-]
 
 
 def parameters_of(
@@ -176,7 +124,7 @@ def parameters_of(
             parameters = [p for p in parameters if p.site == parameters[0].site]
         there = {p.name for p in out}
         out += [p for p in asked.of(parameters, f"--model '{name}'") if p.name not in there]
-    return (*out, *TOOL.at(circumstances), *CAMERA.at(circumstances))
+    return (*out, *geometry.TOOL.at(circumstances), *imaging.CAMERA.at(circumstances))
 
 
 def _with_prior(p: Parameter, prior: Prior) -> Parameter:
