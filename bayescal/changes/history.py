@@ -1,6 +1,6 @@
 """The runs of one arm over time: courses of its parameters, trends and steps, and when to calibrate again.
 
-Of each run, what its measurements tell without its prior counts (`estimate.shifts.likelihood`), so that
+Of each run, what its measurements tell without its prior counts (`estimate.moments.likelihood`), so that
 what all runs have from the same prior counts once. The values of all runs are one constant for each
 parameter, plus trends and steps, whose evidence is that of `search`.
 """
@@ -21,7 +21,7 @@ from bayescal.changes.search import FREE, NONE, SURE, averaged, gains
 from bayescal.dataset.join import arm_difference
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError, listed
-from bayescal.estimate.shifts import likelihood
+from bayescal.estimate.moments import likelihood
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.file import ARM_FILE, read_arm
 from bayescal.storage.stopping import Progress, silent

@@ -27,8 +27,7 @@ from bayescal.effects.vocabulary import Effect
 from bayescal.errors import FAILURES, BayescalError
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.estimate import settled
-from bayescal.estimate.families import families, with_compliances
-from bayescal.estimate.further import model_with
+from bayescal.estimate.families import families, model_with, with_compliances
 from bayescal.estimate.widths import with_widths
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions

@@ -33,8 +33,7 @@ from bayescal.effects import Parameter
 from bayescal.effects.common import within
 from bayescal.errors import BayescalError
 from bayescal.estimate import STATED_WORTH
-from bayescal.estimate.families import families
-from bayescal.estimate.further import linearised_with, scales_of
+from bayescal.estimate.families import families, linearised_with, scales_of
 from bayescal.model import ARM
 
 ITERATIONS, ENOUGH = 40, 1e-2

@@ -40,8 +40,7 @@ from bayescal.effects import Parameter
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.gravity import masses
 from bayescal.estimate.estimate import Estimate
-from bayescal.estimate.families import Family, families, poses, with_compliances
-from bayescal.estimate.further import linearised_with, model_with
+from bayescal.estimate.families import Family, families, linearised_with, model_with, poses, with_compliances
 from bayescal.estimate.moments import (
     AT_ONCE,
     CHANCE,

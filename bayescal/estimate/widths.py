@@ -31,7 +31,7 @@ from scipy.optimize import minimize
 from bayescal.errors import FAILURES
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, fitted_level
-from bayescal.estimate.shifts import likelihood, shifts
+from bayescal.estimate.moments import likelihood, shifts
 from bayescal.estimate.solver import STATED_WORTH
 from bayescal.model.block import ARM
 from bayescal.model.options import STATED, FitOptions, family

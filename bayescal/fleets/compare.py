@@ -2,7 +2,7 @@
 
 Every arm is compared with the distribution of the others, and every session of an arm with those before it.
 The p-value of a difference is that of one comparison; `p_all` is for all comparisons of its kind
-(Bonferroni). A session tells of the parameters of its arm without the prior of its fit (`estimate.shifts`):
+(Bonferroni). A session tells of the parameters of its arm without the prior of its fit (`estimate.moments`):
 parameters that are no property of the arm (base, tool) are integrated out with their stated priors.
 """
 
@@ -19,7 +19,7 @@ from scipy.stats import norm, t
 from bayescal.effects import UNITS, Parameter, Site
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.estimate.shifts import Shift, likelihood, shifts
+from bayescal.estimate.moments import Shift, likelihood, shifts
 from bayescal.fitted.file import ARM_FILE, SCHEMA
 from bayescal.fleets.prior import FEWEST, Arms, Learnt, learn, left_out, widened
 from bayescal.model.options import family

@@ -23,10 +23,9 @@ from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.bounds import UNCHANGED, bounded
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import FORM
+from bayescal.gap.advise import advise, blind_spots, rivals, undecided, unseen
+from bayescal.gap.candidate_contacts import stated_masses
 from bayescal.gap.concluded import concluded, doubted, events_of
-from bayescal.gap.design.advise import advise, rivals, undecided
-from bayescal.gap.design.blind_spots import blind_spots, unseen
-from bayescal.gap.design.candidate_contacts import stated_masses
 from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import again
@@ -222,13 +221,10 @@ def fitted_levels(
         fits.append((effects, lambda: explained.baseline))
     if explained.promoted:
         fits.append(((*effects, COMPLIANCE), lambda: explained.beside))
-    for k in range(1, len(members)):
-        names = (model_name(m, last.candidates) for m in members[:k])
-        further = partial(explained.refit, members[:k])
-        fits.append(((*last.fitted.model.effects, *names), further))
-    if members:
-        names = (model_name(m, last.candidates) for m in members)
-        fits.append(((*last.fitted.model.effects, *names), lambda: explained.final))
+    names = [model_name(m, last.candidates) for m in members]
+    for k in range(1, len(members) + 1):
+        further = partial(explained.refit, members[:k]) if k < len(members) else lambda: explained.final
+        fits.append(((*last.fitted.model.effects, *names[:k]), further))
     out, lost = list[Level](), list[str]()
     for model, fit in fits:
         try:

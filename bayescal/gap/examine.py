@@ -30,7 +30,7 @@ from bayescal.gap.result import Place
 from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.quantities import arguments
+from bayescal.gap.search.makers import arguments
 from bayescal.gap.search.refit import refit, screened, screening_states
 from bayescal.gap.search.unknown import Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide

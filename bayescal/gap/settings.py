@@ -2,8 +2,7 @@
 
 *Convention* marks a level that is usual in statistics, *assumed* a value set by judgement, *tuned* a value
 chosen on simulated sessions with known ground truth (`worlds-dev`, `worlds-dev-2` and sessions of
-`bayescal.simulation`), *cost* a limit that bounds the work. What belongs to a single effect (what it is
-confusable with, what it requires) is a field of that effect.
+`bayescal.simulation`), *cost* a limit that bounds the work. What belongs to one effect is a field of it.
 """
 
 from __future__ import annotations
@@ -48,8 +47,7 @@ class SearchSettings:
     single: float = 0.55
     """Prior probability of one known effect, shared among its effects (assumed)."""
     unknown: float = 0.3
-    """Prior probability of an effect not in the list of known effects (in sessions of other authors a third
-    of the causes was not in it)."""
+    """Prior probability of an effect that is not known (a third of those in sessions of other authors)."""
     further: float = 0.2
     """Prior odds of each further effect, shared among the vocabulary (assumed)."""
     other_forms: float = 0.3
@@ -145,8 +143,8 @@ class CellSettings:
     flip: float = 0.1
     """Width, as a share of gravity, of a transition between two positions (assumed)."""
     paired: float = 3.0
-    """Weight, in other cells, of a cell of a joint that averages over all quantities; at a link, the base or
-    the tool it is shared by the cells of each quantity (tuned)."""
+    """Weight, in other cells, of a cell of a joint that averages over all quantities; at another site it is
+    shared by the cells of each quantity (tuned)."""
     rough_waves: int = 12
     """Half periods of a rough function of the order of the rows (assumed)."""
     clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
@@ -193,8 +191,7 @@ class RelativeSettings:
     waves: int = 3
     """Half periods of a function of a quantity over its range (assumed)."""
     share: float = 0.3
-    """Prior standard deviation of a modulation, of what the name predicts (assumed; averaged over
-    `LINEAR.scales`)."""
+    """Prior standard deviation of a modulation, over the prediction (assumed; times `LINEAR.scales`)."""
     forgiven: float = 0.05
     """Share of the nats of all names that a modulation must exceed (assumed: as `VerdictSettings.form`)."""
     least: float = 5.0
@@ -222,13 +219,11 @@ class VerdictSettings:
     an effect were not called so with 0.1, and 0.2 of an unmodelled effect; now none, and no effect above
     lambda 30 is lost)."""
     unexplained: float = 0.25
-    """Probability of a further effect, known or not, from which on a verdict is not plain `named`
-    (tuned)."""
+    """Probability of a further effect, known or not, from which on a verdict is not `named` (tuned)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
     alone: float = 0.75
-    """Probability of a leading effect below which the verdict is its class, if an unmodelled effect is one of
-    its members (convention: 3 to 1)."""
+    """Probability of a leading effect below which, beside an unmodelled one, it is a class (3 to 1)."""
     fewest: float = 0.05
     """Smallest probability of a member of a class (convention)."""
     credible: float = 0.9
@@ -250,8 +245,7 @@ class VerdictSettings:
     footnote: float = 0.05
     """Share of the named variance below which an effect is a footnote (assumed)."""
     structure: float = 5.0
-    """Nats of a cell at the site of a named effect, beyond what is forgiven, from which on the name is not
-    all (tuned: right names have 3.4 at most)."""
+    """Nats, not forgiven, of a cell at a name's site that contradict it (tuned: right names have 3.4)."""
     beside_unmodelled: float = 0.85
     """Largest probability of an effect beside an unmodelled one (assumed: with an effect not in the list of
     known effects, 0 of 14 names stated above 0.9 were true). It is no more than the share of the nats of both
@@ -281,11 +275,9 @@ class GateSettings:
     """The test by validation data: a named effect must not make them less probable."""
 
     loss: float = 3.0
-    """Decrease of the log density of validation contacts and distances from which on an effect is withheld,
-    nats (convention: 20 to 1)."""
+    """Nats that validation data lose by an effect, from which on it is withheld (convention: 20 to 1)."""
     form: float = 0.2
-    """Standard uncertainty of a change that a refit predicts, as a share: its form is not known better
-    (assumed: forms differ by 10 to 20 %)."""
+    """Standard uncertainty of a predicted change, as a share (assumed: forms differ by 10 to 20 %)."""
     contradicted: float = 1e-6
     """Probability of the validation errors by the refit's own prediction, below which a name is not all
     (tuned: right names reach 5e-3 except drift after a pause, a wrong one 1e-108)."""
@@ -296,8 +288,7 @@ class GateSettings:
     blocks: int = 10
     """Smallest number of blocks of validation data for an uncertainty from their scatter (assumed)."""
     visible: float = 4.0
-    """Smallest predicted change of validation residuals, as a sum of squares in units of the noise, that is
-    compared (assumed)."""
+    """Smallest predicted change that is compared, as a sum of squares in units of the noise (assumed)."""
     rounding: float = 1e-9
     """Smallest standard deviation of a distance in any direction, m (rounding)."""
 
@@ -311,8 +302,7 @@ class OutcomeSettings:
     gross_width: float = 1e-2
     """Width of the uniform distribution of their residuals, m (assumed)."""
     displaced: float = 6.0
-    """Standard uncertainties of a parameter by which a named effect that the arm is without may displace it,
-    until the arm is not to be used (assumed)."""
+    """Standard uncertainties by which a name that a usable arm lacks may displace a parameter (assumed)."""
     apart: float = 3.0
     """Nats from which on the data favour backlash over delayed readings, or the reverse (convention)."""
     plain: float = 8.0
@@ -336,8 +326,7 @@ class OutcomeSettings:
     places_named: int = 3
     """Maximum number of listed locations of each named effect."""
     significant: float = 0.01
-    """Family p-value up to which an amplitude is significant, or a further location is searched for
-    (convention)."""
+    """Family p-value of a significant amplitude, or for a further location (convention)."""
     fewest_in_bin: int = 4
     """Minimum number of contacts in a bin of a margin (assumed)."""
     joint_bins: int = 4
@@ -360,6 +349,46 @@ class OutcomeSettings:
     """Maximum number of normal draws for a posterior predictive (cost)."""
 
 
+@dataclass(frozen=True)
+class DesignSettings:
+    """Advice and blind spots: candidate contacts and their detectability."""
+
+    contacts: int = 40
+    """Number of new contacts in an advice."""
+    images: int = 12
+    """The same of images."""
+    better: float = 1.2
+    """Factor of an intervention over the lambda of the repeated poses, required for advice (assumed)."""
+    least: float = 2.0
+    """Lambda that the best intervention must add to be advised (assumed)."""
+    poses: int = 120
+    """Maximum number of poses of the session from which new contacts are chosen (cost)."""
+    payload: float = 2.0
+    """Mass added by the intervention with a payload, kg."""
+    faster: float = 4.0
+    """Factor on the recorded velocities in the intervention with faster contacts."""
+    turning: float = 4.0
+    """Factor on the recorded velocities in the intervention that rotates about the stylus tip."""
+    still: float = 1e-6
+    """Share of a requested rotation below which an arm cannot rotate about its stylus tip (rounding)."""
+    least_u: float = 1e-7
+    """Smallest standard uncertainty of a certified distance, m (rounding)."""
+    roughly: float = 1e-3
+    """Prior standard deviation of a located centre, m: smaller than the dataset's, for rounding."""
+    changed: float = 1e-9
+    """Smallest relevant change of a whitened column (rounding)."""
+    named: float = 50.0
+    """Detectability lambda from which on an effect is nearly always named (assumed)."""
+    rounding: float = 1e-11
+    """Share of the square of a column below which its projection is rounding error."""
+    pairs: int = 200
+    """Pairs of points that replace certified distances (cost)."""
+    apart: float = 50e-3
+    """Least distance of such a pair, m (assumed)."""
+    points: int = 64
+    """Contacts among which such pairs are drawn (cost)."""
+
+
 LINEAR: Final = LinearSettings()
 SEARCH: Final = SearchSettings()
 CELLS: Final = CellSettings()
@@ -368,3 +397,4 @@ RELATIVES: Final = RelativeSettings()
 VERDICT: Final = VerdictSettings()
 GATE: Final = GateSettings()
 OUTCOME: Final = OutcomeSettings()
+DESIGN: Final = DesignSettings()

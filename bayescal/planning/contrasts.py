@@ -1,6 +1,6 @@
 """Contrasts: effects that a plan shall show, each beside a model and beside what it could be confused with.
 
-An effect at one site has the amplitudes of a random draw of its prior, as in `gap.design.blind_spots`: its
+An effect at one site has the amplitudes of a random draw of its prior, as in `gap.advise`: its
 detectability lambda is the sum over its parameters. Rivals are further columns that the model may use, with
 their priors; masses of links and of the load are always such, as in a diagnosis. With the rivals' columns b,
 

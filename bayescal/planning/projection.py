@@ -22,7 +22,7 @@ from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, unfitted
 from bayescal.estimate.families import with_compliances
-from bayescal.gap.design.blind_spots import Seat, seats
+from bayescal.gap.advise import Seat, seats
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.result import Side, Suspect
 from bayescal.gap.search.beam import COMPLIANCE

@@ -6,7 +6,7 @@ A model that is not determined yet predicts nothing, and no first contact shows 
 with the largest variance (D-optimal) come first, until the model has as many contacts as unknowns.
 
 Of a plan: the smallest detectable amplitude of every effect, and for pairs of effects that it cannot separate
-the intervention that would: its contacts repeated under other conditions (`gap.design.candidate_contacts`).
+the intervention that would: its contacts repeated under other conditions (`gap.candidate_contacts`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 
 from bayescal.dataset.write import taken
 from bayescal.estimate import Estimate
-from bayescal.gap.design.candidate_contacts import widened
-from bayescal.gap.design.settings import DESIGN
+from bayescal.gap.candidate_contacts import widened
 from bayescal.gap.result import Pair, Side, Suspect
+from bayescal.gap.settings import DESIGN
 from bayescal.model import Scene
 from bayescal.model.options import Part
 from bayescal.planning.contrasts import Contrast, Contrasts, beside, contrasts

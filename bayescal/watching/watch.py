@@ -22,7 +22,7 @@ from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError, attempted
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
-from bayescal.gap.design.blind_spots import blind_spots, unseen
+from bayescal.gap.advise import blind_spots, unseen
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import BlindSpot

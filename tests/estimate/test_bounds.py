@@ -20,7 +20,7 @@ from bayescal.estimate import Weights, calibrated, estimate
 from bayescal.estimate.bounds import UNCHANGED, bounded, negative
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import Unexplained, repeat_scatter, scatter, unexplained
-from bayescal.gap.design.candidate_contacts import widened
+from bayescal.gap.candidate_contacts import widened
 from bayescal.gap.search.cells import cells
 from bayescal.model import build
 from bayescal.model.options import FitOptions

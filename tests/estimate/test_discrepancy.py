@@ -449,7 +449,7 @@ def test_functions_of_time_end_with_their_session(cube):
 
 def test_functions_of_a_large_session_are_linearised_in_parts(clean, monkeypatch):
     """The model of all functions at once took most of the memory of a session of 100,000 rows."""
-    module, size = import_module("bayescal.estimate.further"), []
+    module, size = import_module("bayescal.estimate.families"), []
 
     def watched(model, z, weights):
         size.append(model.size)

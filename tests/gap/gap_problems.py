@@ -20,8 +20,7 @@ from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates, extended
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.makers import Cell
-from bayescal.gap.search.quantities import arguments
+from bayescal.gap.search.makers import Cell, arguments
 from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.model import build

@@ -14,10 +14,9 @@ from sessions import with_columns
 
 import bayescal as bc
 from bayescal.estimate import Estimate, estimate, solve
-from bayescal.gap.design import advise as advising
-from bayescal.gap.design.advise import next_contacts
-from bayescal.gap.design.blind_spots import blind_spots, distances, located, seats, unseen
-from bayescal.gap.design.candidate_contacts import (
+from bayescal.gap import advise as advising
+from bayescal.gap.advise import blind_spots, distances, located, next_contacts, seats, unseen
+from bayescal.gap.candidate_contacts import (
     AGAIN,
     SPHERES,
     PairSide,
@@ -27,14 +26,14 @@ from bayescal.gap.design.candidate_contacts import (
     turns,
     widened,
 )
-from bayescal.gap.design.candidate_contacts import _poses as poses_of
-from bayescal.gap.design.settings import DESIGN
+from bayescal.gap.candidate_contacts import _poses as poses_of
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import Advice
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
+from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import contact_records

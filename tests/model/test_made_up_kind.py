@@ -20,7 +20,7 @@ from bayescal.dataset.target_kinds import KINDS, TargetKind, place_sd
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
-from bayescal.gap.design.blind_spots import located
+from bayescal.gap.advise import located
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian

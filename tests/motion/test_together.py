@@ -14,7 +14,7 @@ from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import fitted_level
 from bayescal.estimate.discrepancy import informed, inputs, stated
-from bayescal.estimate.further import model_with
+from bayescal.estimate.families import model_with
 from bayescal.estimate.solver import linearise
 from bayescal.logs import read_log
 from bayescal.model import USUAL

@@ -11,12 +11,12 @@ from simulated_pools import MODEL, gap_pool, linear, mixed, nominal, pool, pool_
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import root
-from bayescal.gap.design.advise import undecided
-from bayescal.gap.design.settings import DESIGN
+from bayescal.gap.advise import undecided
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
+from bayescal.gap.settings import DESIGN
 from bayescal.model.options import parts_of
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.exchange import select
@@ -299,7 +299,7 @@ def test_real_columns_are_those_of_a_diagnosis() -> None:
     """All candidates chosen: the detectability is that by the state of a fit of the same contacts."""
     from bayescal.effects.gravity import masses
     from bayescal.estimate.families import with_compliances
-    from bayescal.gap.design.blind_spots import seats
+    from bayescal.gap.advise import seats
     from bayescal.gap.linear.problem import problem
     from bayescal.gap.search.candidates import candidates
 

@@ -221,13 +221,11 @@ class Bank:
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """By size k: sets (B,), indices of columns (B, k), X'X over contacts and constraints (B, k, k)."""
-        by_size: dict[int, list[int]] = {}
-        for i, size in enumerate(map(len, self.sets)):
-            by_size.setdefault(size, []).append(i)
-        out = []
-        for members in by_size.values():
-            indices = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
-            out.append((np.array(members), indices, *self._products(indices)))
+        size, out = np.array(list(map(len, self.sets)), int), []
+        for k in np.unique(size).tolist():
+            members = np.flatnonzero(size == k)
+            indices = np.array([self.sets[i] for i in members], int).reshape(len(members), k)
+            out.append((members, indices, *self._products(indices)))
         return out
 
     def _products(self, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

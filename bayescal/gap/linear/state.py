@@ -50,6 +50,20 @@ class State:
         """Fitted amplitudes of the columns, (k,), in units of their prior standard deviations."""
         return self.step[len(self.problem.z) :] * self.scales
 
+    def amplitudes_of(self, columns: np.ndarray) -> np.ndarray:
+        """Fitted amplitudes (k,) of some of the columns, by their numbers in the pool."""
+        fitted = dict(zip(self.columns.tolist(), self.amplitudes, strict=True))
+        return np.array([fitted[k] for k in columns.tolist()])
+
+    def predicted(self, columns: np.ndarray) -> np.ndarray:
+        """What some of the columns change, (R,): the columns times their fitted amplitudes."""
+        return self.problem.pool[:, columns] @ self.amplitudes_of(columns)
+
+    def without(self, columns: np.ndarray) -> State:
+        """The fit without some of the columns, with the same row weights."""
+        others = ~np.isin(self.columns, columns)
+        return fit_state(self.problem, self.columns[others], self.scales[others], self.weight, robust=False)
+
 
 def design(p: Problem, columns: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Columns (R, D + k) of the model and of k columns of the pool, these times their scales."""

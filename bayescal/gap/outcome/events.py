@@ -19,7 +19,7 @@ from bayescal.gap.result import Amplitude, Event
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.cells import sets_of
-from bayescal.gap.search.unknown import CellFit, Pool
+from bayescal.gap.search.unknown import CellFit, Pool, with_columns
 from bayescal.gap.settings import CELLS, OUTCOME
 from bayescal.statistics import chi2_sf
 
@@ -69,22 +69,13 @@ def _event(
 ) -> tuple[Event, State]:
     """The most probable row of a change, of `possible` ones, with its 95 % interval, and the fit with it."""
     p, best = without.problem, pool.columns[:, pool.sets[f.best]]
-    size = best.shape[1]
     # the same displacement from an earlier row on, where the cell has one
     earlier = [pool.columns[:, pool.sets[k]] for k in np.flatnonzero(pool.owner == f.cell)]
     same = [
         x for x in earlier if x.shape == best.shape and np.array_equal(_from(_since(p, best), x, p), best)
     ]
     event, shifted = _searched(without, with_it.weight, best, same, possible)
-    wide = replace(p, pool=np.column_stack([p.pool, shifted]))
-    state = fit_state(
-        wide,
-        np.append(without.columns, np.arange(size) + p.pool.shape[1]),
-        np.append(without.scales, with_it.scales[-size:]),
-        with_it.weight,
-        without.robust,
-    )
-    return event, state
+    return event, with_columns(without, shifted, f.scale, with_it.weight)
 
 
 def _from(row: int, columns: np.ndarray, p: Problem) -> np.ndarray:
@@ -180,12 +171,9 @@ def named_events(
             if not same:
                 out.pop(m.effect, None)
                 break
-            others = ~np.isin(h.state.columns, part)
-            without = fit_state(
-                p, h.state.columns[others], h.state.scales[others], h.state.weight, robust=False
-            )
             before = out.get(m.effect, ())
-            event, _ = _searched(without, h.state.weight, columns, same, _apart(m.variant, before, c))
+            possible = _apart(m.variant, before, c)
+            event, _ = _searched(h.state.without(part), h.state.weight, columns, same, possible)
             out[m.effect] = (*before, _with_fitted(event, m.variant, len(before)))
     return out
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from math import nan
 
 import numpy as np
 
@@ -189,17 +191,9 @@ def model_levels(levels: Sequence[Level], fair: np.ndarray | None = None) -> tup
         density, block = log_predictive(h)
         gain, se = (0.0, 0.0) if before is None else difference(density - before, block)
         before = density
-        distances = rms(h.distances.error) if len(h.distances.error) else float("nan")
-        out.append(
-            Step(
-                level.model,
-                _rms(h, fair & (h.group == h.main)),
-                distances,
-                _rms(h, fair & (h.kind == "points")),
-                gain,
-                se,
-            )
-        )
+        distances = rms(h.distances.error) if len(h.distances.error) else nan
+        main, points = (_rms(h, fair & mine) for mine in (h.group == h.main, h.kind == "points"))
+        out.append(Step(level.model, main, distances, points, gain, se))
     return tuple(out)
 
 
@@ -220,15 +214,12 @@ def log_predictive(held: ValidationErrors) -> tuple[np.ndarray, np.ndarray]:
 def difference(gain: np.ndarray, block: np.ndarray) -> tuple[float, float]:
     """Sum of gains (C,) and its standard error, by the scatter of the sums over blocks."""
     sums = np.bincount(np.unique(block, return_inverse=True)[1], gain)
-    se = float(np.sqrt(len(sums)) * np.std(sums, ddof=1)) if len(sums) > 1 else float("nan")
+    se = float(np.sqrt(len(sums)) * np.std(sums, ddof=1)) if len(sums) > 1 else nan
     return float(np.sum(gain)), se
 
 
 def _rms(held: ValidationErrors, mine: np.ndarray) -> float:
-    return rms(held.residual[mine]) if np.any(mine) else float("nan")
-
-
-NAN = float("nan")
+    return rms(held.residual[mine]) if np.any(mine) else nan
 
 
 def shrinkage(
@@ -260,7 +251,7 @@ def shrinkage(
             continue
         # replaces the noise of the fit by the best estimate, in the same proportions of rows
         main = mine & (after.group == after.main)
-        fit = rms(after.noise[main]) if np.any(main) else NAN
+        fit = rms(after.noise[main]) if np.any(main) else nan
         sigma = np.where(main, after.noise * (noise / fit), after.noise)[mine]
         floor = sigma**2 + np.sum(after.by_parameters[mine] ** 2, axis=1)
         squares = np.stack(
@@ -319,10 +310,7 @@ def of_blocks(
     draws = resampled(block, squares, rng)
     draws[:, 2] += draws[:, 3] * _noise(noise_dof, rng)
     number = len(np.unique(block))
-
-    def interval(value: float, values: np.ndarray) -> tuple[float, float]:
-        return bootstrap_interval95(value, values, number)
-
+    interval = partial(bootstrap_interval95, blocks=number)
     return _compared(what, count, np.mean(squares[:3], axis=1), draws, number, interval, expected, noise_dof)
 
 
@@ -338,7 +326,7 @@ def of_distances(
     number = independent_distances(old)
 
     def interval(value: float, values: np.ndarray) -> tuple[float, float]:
-        low, high = interval95(values) if len(old.error) > 1 and len(values) else (NAN, NAN)
+        low, high = interval95(values) if len(old.error) > 1 and len(values) else (nan, nan)
         return float(low), float(high)
 
     expected = expects(old.error, new.error, predicted)
@@ -362,7 +350,7 @@ def _compared(
 ) -> Shrinkage:
     """Reduction from mean squares (3,), m2: before, after, expected; and their draws (S, 3...)."""
     old, new, floor = means
-    removed, ends = NAN, (NAN, NAN)
+    removed, ends = nan, (nan, nan)
     # without a significant excess this would be a ratio of two noise variances
     if old > floor * f_isf(OUTCOME.no_excess, number, min(noise_dof, OUTCOME.many)):
         removed = min((old - new) / (old - floor), 1.0)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from bayescal.predict.errors import ValidationErrors
 from bayescal.statistics import f_sf, rms, t_sf
 
 AXES = "xyz"
-Bin = tuple[str, str, np.ndarray]  # a label (of gap.json), the same as text, a mask (R,) of residuals
+Bin = tuple[str, str, str, np.ndarray]  # a family, a label (of gap.json), the same as text, a mask (R,)
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def margins(
     r = residuals(estimate, held, noise, noise_dof)
     entries: list[tuple[str, str, Margin]] = []
     for margin, bins in _bins(scene, r).items():
-        for family, (label, text, mask) in bins:
+        for family, label, text, mask in bins:
             tested = margin_of(r, label, text, mask)
             if tested is not None:
                 entries.append((margin, family, tested))
@@ -168,16 +169,16 @@ def margin_of(r: Residuals, label: str, text: str, mask: np.ndarray) -> Margin |
     return Margin(label, text, contacts, rms(residual), float(np.mean(residual)), min(2 * min(p), 1.0))
 
 
-def _bins(scene: Scene, r: Residuals) -> dict[str, list[tuple[str, Bin]]]:
-    """All bins by margin, each with its family."""
+def _bins(scene: Scene, r: Residuals) -> dict[str, Iterable[Bin]]:
+    """All bins by margin."""
     m = scene.dataset.measurements
     names = np.array([t.name for t in scene.dataset.targets])[m.target[r.rows]]
     return {
-        "target": [("", (str(name), str(name), names == name)) for name in dict.fromkeys(names)],
-        "joint": list(_joints(scene, r.rows)),
-        "region": [("", b) for b in _regions(scene.points[r.rows])],
-        "time": [] if m.time is None else [("", b) for b in _times(m.time[r.rows])],
-        "direction": [("", b) for b in _contact_directions(r)] + list(_approaches(scene, r.rows)),
+        "target": [("", str(name), str(name), names == name) for name in dict.fromkeys(names)],
+        "joint": _joints(scene, r.rows),
+        "region": _regions(scene.points[r.rows]),
+        "time": () if m.time is None else _times(m.time[r.rows]),
+        "direction": chain(_contact_directions(r), _approaches(scene, r.rows)),
     }
 
 
@@ -189,13 +190,13 @@ def _cut(x: np.ndarray, bins: int) -> Iterator[tuple[float, float, np.ndarray]]:
         yield float(edges[k]), float(edges[k + 1]), number == k
 
 
-def _joints(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
+def _joints(scene: Scene, rows: np.ndarray) -> Iterator[Bin]:
     robot = scene.dataset.robot
     readings = robot.shown(scene.dataset.measurements.readings[rows])
     for j, (x, unit) in enumerate(zip(readings.T, robot.units, strict=True), start=1):
         for low, high, mask in _cut(x, OUTCOME.joint_bins):
             ends = f"{low:.0f} to {high:.0f} {unit}"
-            yield str(j), (f"joint {j}: {ends}", f"J{j} from {ends}", mask)
+            yield str(j), f"joint {j}: {ends}", f"J{j} from {ends}", mask
 
 
 def _regions(points: np.ndarray) -> Iterator[Bin]:
@@ -211,7 +212,7 @@ def _regions(points: np.ndarray) -> Iterator[Bin]:
             parts.append(f"{AXES[k]} {ends[0]:.0f} to {ends[1]:.0f}")
         if parts:
             label = ", ".join(parts) + " mm"
-            yield label, label, mask
+            yield "", label, label, mask
 
 
 def _times(time: np.ndarray) -> Iterator[Bin]:
@@ -220,7 +221,7 @@ def _times(time: np.ndarray) -> Iterator[Bin]:
     digits = 0 if span / size > 4 * OUTCOME.time_bins else 1
     for low, high, mask in _cut(time - time.min(), OUTCOME.time_bins):
         label = f"{low / size:.{digits}f} to {high / size:.{digits}f} {unit}"
-        yield label, f"time {label}", mask
+        yield "", label, f"time {label}", mask
 
 
 def _contact_directions(r: Residuals) -> Iterator[Bin]:
@@ -231,21 +232,21 @@ def _contact_directions(r: Residuals) -> Iterator[Bin]:
         for sign, below in (("+", False), ("-", True)):
             mask = r.signed & (axis == k) & (negative == below)
             if np.any(mask):
-                yield f"touched from {sign}{name}", f"outward normal {sign}{name}", mask
+                yield "", f"touched from {sign}{name}", f"outward normal {sign}{name}", mask
         if np.any(~r.signed & (axis == k)):
-            yield f"along {name}", f"coordinate {name}", ~r.signed & (axis == k)
+            yield "", f"along {name}", f"coordinate {name}", ~r.signed & (axis == k)
 
 
-def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
+def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[Bin]:
     """Direction of motion of each joint, where both directions occur."""
     velocity = scene.dataset.measurements.velocity
     if velocity is None:
         return
     for j, v in enumerate(velocity[rows].T, start=1):
         if np.any(v > 0) and np.any(v < 0):
-            text = f"direction of motion of J{j}"
-            yield str(j), (f"{text}, positive", f"{text}, positive", v > 0)
-            yield str(j), (f"{text}, negative", f"{text}, negative", v < 0)
+            for way, mask in (("positive", v > 0), ("negative", v < 0)):
+                label = f"direction of motion of J{j}, {way}"
+                yield str(j), label, label, mask
 
 
 def residuals_in_time(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

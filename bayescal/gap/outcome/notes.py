@@ -165,47 +165,41 @@ def warnings(
     last: ValidationErrors,
     lacking: Sequence[Undetermined] = (),
     unsure: Sequence[int] = (),
-) -> tuple[str, ...]:
+) -> Iterator[str]:
     """Limitations of the results; `lacking` is what `after` leaves undetermined.
 
     `unsure` are rows that may be before a sudden change or after it.
     """
-    out = []
     if count := int(np.sum(np.isin(before.model.scene.rows("validate"), unsure))):
         are = "validation rows are" if count > 1 else "validation row is"
-        out.append(
-            f"{count} {are} within the interval of a sudden change and not counted in validation errors"
-        )
+        yield f"{count} {are} within the interval of a sudden change and not counted in validation errors"
     fair = kept(first, last)
     expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])
     if expected > OUTCOME.loose * noise:
-        out.append(
+        yield (
             f"the parameters are uncertain: the model expects a validation RMS of {1e6 * expected:.0f} µm, "
             "and effects below that are not visible"
         )
     if last is not first:
-        out += increased(first, last)
+        yield from increased(first, last)
     if first.how in (LEFT_OUT, IMAGES_LEFT_OUT):
-        out.append(f"no or too few validation measurements: {first.how} is used instead")
+        yield f"no or too few validation measurements: {first.how} is used instead"
     if gross := len(np.unique(first.rows[~fair])):
         every = len(np.unique(first.rows))
         was = "were" if gross > 1 else "was"
-        out.append(
+        yield (
             f"{gross} of {every} validation measurements {was} excluded as gross under both models; "
             "a fit counts them in its validation errors"
         )
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
-        out.append(f"{count} calibration {was}")
-    out += [board.words for board in images.displaced(before)]
-    out += [words for words in [images.blurred(before)] if words]
-    out += [words for state in (copies, rounded) if (words := state(before.model.scene.dataset))]
-    out += [u.words for u in lacking if u.matters]
+        yield f"{count} calibration {was}"
+    yield from (board.words for board in images.displaced(before))
+    dataset = before.model.scene.dataset
+    yield from filter(None, (images.blurred(before), copies(dataset), rounded(dataset)))
+    yield from (u.words for u in lacking if u.matters)
     if not before.model.knows_length:
-        out.append(
-            "no certified length among the fitted targets: the scale of the arm is determined by its prior"
-        )
-    return tuple(out)
+        yield "no certified length among the fitted targets: the scale of the arm is determined by its prior"
 
 
 def amplitudes(final: Estimate, covariance: np.ndarray, named: Sequence[Named]) -> tuple[Amplitude, ...]:
@@ -234,26 +228,16 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
     covariance = covariance[:count, :count] * np.outer(model.sd, model.sd)
     effect, robot = EFFECTS[asked.effect], model.scene.dataset.robot
     groups = list(_groups(model.parameters, asked.among(model.parameters)))
-    for key, index in groups:
-        site, driver, unit = key
+    for (site, driver, unit), index in groups:
         size = effect.sizes.get(unit, DEVIATION)
         x, c = values[index], covariance[np.ix_(index, index)]
         value, u = propagated(size.value, x, c)
         if not size.joins and model.parameters[index[0]].positive:
             value = value + model.parameters[index[0]].nominal
         p = float(chi2_sf(x @ np.linalg.solve(c, x), len(x)))
-        yield Amplitude(
-            asked.effect,
-            site,
-            driver,
-            tuple(model.parameters[k].name for k in index),
-            size.what,
-            value,
-            u,
-            unit,
-            None if size.phase is None or len(x) != 2 else phase_shown(size.phase, x, c, driver, robot),
-            p * len(groups) < OUTCOME.significant,
-        )
+        phase = None if size.phase is None or len(x) != 2 else phase_shown(size.phase, x, c, driver, robot)
+        names, clear = tuple(model.parameters[k].name for k in index), p * len(groups) < OUTCOME.significant
+        yield Amplitude(asked.effect, site, driver, names, size.what, value, u, unit, phase, clear)
 
 
 def phase_shown(

@@ -130,11 +130,7 @@ def neighbours(member: Member, hypothesis: Hypothesis, pool: Pool) -> tuple[Site
     like = {NEIGHBOURS.get(driver.kind) for _, driver in places}
     if len(like) != 1 or None in like or any(site.number < last - 1 for site, _ in places):
         return ()
-    of_member = np.isin(state.columns, member.variant.columns)
-    predicted = state.problem.pool[:, state.columns[of_member]] @ state.amplitudes[of_member]
-    bare = fit_state(
-        state.problem, state.columns[~of_member], state.scales[~of_member], state.weight, robust=False
-    )
+    predicted, bare = state.predicted(member.variant.columns), state.without(member.variant.columns)
     sites = []
     for k, cell in enumerate(pool.cells):
         if (cell.site.kind, cell.driver.kind) in like:
@@ -197,7 +193,6 @@ def _of_random_cell(state: State, pool: Pool, f: CellFit, scale: Scale) -> Place
 def places_named(hypothesis: Hypothesis, named: Sequence[Parameter], scale: Scale) -> tuple[Place, ...]:
     """The largest locations of every effect of a hypothesis; see `places`."""
     state, p = hypothesis.state, hypothesis.state.problem
-    amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
     out: list[Place] = []
     for member in hypothesis.members:
         groups: dict[tuple[Site, Driver], list[int]] = {}
@@ -208,10 +203,8 @@ def places_named(hypothesis: Hypothesis, named: Sequence[Parameter], scale: Scal
             groups = {(ARM, drivers.pop()): member.variant.columns.tolist()} | groups
         mine = []
         for (site, driver), index in groups.items():
-            others = ~np.isin(state.columns, index)
-            without = fit_state(p, state.columns[others], state.scales[others], state.weight, robust=False)
-            parameters, columns = [named[k] for k in index], p.pool[:, index]
-            amplitude = np.array([amplitudes[k] for k in index])
+            without, parameters = state.without(np.array(index)), [named[k] for k in index]
+            columns, amplitude = p.pool[:, index], state.amplitudes_of(np.array(index))
             gain = state.log_evidence - without.log_evidence
             of = Contribution(site, driver, parameters, columns, amplitude, gain, member.effect)
             mine.append(_place(of, without, state, len(groups), scale))

@@ -181,11 +181,13 @@ def extended(
 
 @dataclass(frozen=True)
 class Single:
-    """A setting of a scan at one site, by one driver."""
+    """A setting of a scan at one site, by one driver, with the nats that it gains over a state."""
 
     setting: float
     site: Site
     driver: Driver
+    gain: float = 0.0  # averaged over scales
+    scale: float = 1.0  # the best one
 
 
 def with_own_settings(
@@ -241,55 +243,37 @@ def _other_forms(
     return out
 
 
-@dataclass(frozen=True)
-class _SiteColumns:
-    """Columns that act together at one site, and what they are."""
-
-    site: Site
-    columns: np.ndarray
-    places: tuple[tuple[Site, Driver], ...]
-
-    @classmethod
-    def of(cls, parameters: Sequence[Parameter], first: int, joined: bool) -> list[_SiteColumns]:
-        """Of parameters whose columns begin at `first`; `joined`: all orders of a coordinate act together."""
-        groups: dict[tuple[Site, Driver], list[int]] = {}
-        for k, p in enumerate(parameters):
-            groups.setdefault((p.site, p.driver.course if joined else p.driver), []).append(k)
-        return [
-            cls(
-                site,
-                first + np.array(indices),
-                tuple(dict.fromkeys((site, parameters[k].driver) for k in indices)),
-            )
-            for (site, _), indices in groups.items()
-        ]
-
-
 def _subsets(
     effect: Effect, value: Setting, parameters: list[Parameter], first: int, log_prior: float,
     sites: Collection[Site] = (),
 ) -> list[Variant]:  # fmt: skip
-    """An effect at all sites and at each single site, or only at each of `sites` where given."""
-    by_site = _SiteColumns.of(parameters, first, joined=isinstance(value, str))
-    every = np.arange(first, first + len(parameters))
-    places = tuple(place for one in by_site for place in one.places)
-    if len(by_site) == 1 or effect.whole:
-        return [Variant(effect.name, value, (), every, log_prior, places)]
-    if effect.alternatives:
-        return _alternatives(effect, value, by_site, log_prior)
-    single = [one for one in by_site if not sites or one.site in sites]
+    """An effect at all sites and at each single site, or only at each of `sites` where given.
+
+    The columns of the parameters begin at `first`.
+    """
+    single = _at_sites(effect, value, parameters, first)
+    places = tuple(place for one in single for place in one.places)
+    every = Variant(effect.name, value, (), np.arange(first, first + len(parameters)), log_prior, places)
+    if len(single) == 1 or effect.whole:
+        return [every]
+    if effect.alternatives:  # the first site, or one of the others, which share `SEARCH.other_forms`
+        usual = log_prior + float(np.log(1.0 - SEARCH.other_forms))
+        other = log_prior + float(np.log(SEARCH.other_forms / (len(single) - 1)))
+        others = [replace(one, log_prior=other) for one in single[1:]]
+        return [replace(single[0], sites=(), log_prior=usual), *others]
+    single = [one for one in single if not sites or one.sites[0] in sites]
     half = log_prior - np.log(2.0)
     alone = half - np.log(len(single))
-    return [Variant(effect.name, value, (), every, half, places)] + [
-        Variant(effect.name, value, (one.site,), one.columns, alone, one.places) for one in single
-    ]
+    return [replace(every, log_prior=half), *(replace(one, log_prior=alone) for one in single)]
 
 
-def _alternatives(
-    effect: Effect, value: Setting, by_site: Sequence[_SiteColumns], log_prior: float
-) -> list[Variant]:
-    """An effect at its first site, or at one of the others, which share `SEARCH.other_forms` of its prior."""
-    other = log_prior + float(np.log(SEARCH.other_forms / (len(by_site) - 1)))
-    out = [Variant(effect.name, value, (one.site,), one.columns, other, one.places) for one in by_site]
-    first = log_prior + float(np.log(1.0 - SEARCH.other_forms))
-    return [replace(out[0], sites=(), log_prior=first), *out[1:]]
+def _at_sites(effect: Effect, value: Setting, parameters: Sequence[Parameter], first: int) -> list[Variant]:
+    """An effect at each single site, by each driver; all orders of a coordinate of a form act together."""
+    groups: dict[tuple[Site, Driver], list[int]] = {}
+    for k, p in enumerate(parameters):
+        groups.setdefault((p.site, p.driver.course if isinstance(value, str) else p.driver), []).append(k)
+    out = []
+    for (site, _), indices in groups.items():
+        places = tuple(dict.fromkeys((site, parameters[k].driver) for k in indices))
+        out.append(Variant(effect.name, value, (site,), first + np.array(indices), 0.0, places))
+    return out

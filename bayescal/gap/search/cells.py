@@ -22,13 +22,15 @@ from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
 from bayescal.estimate.families import cosines
+from bayescal.gap.search.further import FURTHER, MEASURING
 from bayescal.gap.search.makers import (
-    FURTHER,
     SHIFTS,
     TURNS,
     Cell,
     Mover,
+    arguments,
     at_joint,
+    at_tool,
     measured,
     movers,
     moves,
@@ -38,8 +40,6 @@ from bayescal.gap.search.makers import (
     sides_of,
     smooth,
 )
-from bayescal.gap.search.measuring import MEASURING
-from bayescal.gap.search.quantities import arguments, at_tool
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 

@@ -6,7 +6,7 @@ Screening of wide scans: only the settings that explain most become candidates.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -90,15 +90,6 @@ def refit(
     return completed(estimate, options.robust, flat=flat).fitted
 
 
-@dataclass(frozen=True)
-class Screened:
-    """A setting at one site, by one driver, with the nats that it gains over a state."""
-
-    single: Single
-    gain: float  # averaged over scales
-    scale: float  # the best one
-
-
 def screened(
     candidates: Candidates,
     slopes: Slopes,
@@ -131,19 +122,19 @@ def screened(
     return candidates
 
 
-def _leading(by_state: Sequence[Sequence[Screened]]) -> list[float]:
+def _leading(by_state: Sequence[Sequence[Single]]) -> list[float]:
     """Settings with the largest gains at any site, over any state."""
     best: dict[float, float] = {}
     for one in (one for every in by_state for one in every):
-        best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
+        best[one.setting] = max(one.gain, best.get(one.setting, -np.inf))
     return sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
 
 
 def _screen(
     effect: Effect, values: np.ndarray, slopes: Slopes, states: Sequence[State], c: Circumstances
-) -> list[list[Screened]]:
+) -> list[list[Single]]:
     """Settings of a scan at every site, by each driver, over each of several states."""
-    out = [list[Screened]() for _ in states]
+    out = [list[Single]() for _ in states]
     for first in range(0, len(values), SEARCH.chunk):
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
@@ -157,7 +148,8 @@ def _screen(
         for state, of_state in zip(states, out, strict=True):
             nats = weigh_sets(state, bank) + SCALE_PRIOR
             gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
-            of_state += map(Screened, groups, gains, scales)
+            screened_ones = zip(groups, gains, scales, strict=True)
+            of_state += [replace(one, gain=gain, scale=scale) for one, gain, scale in screened_ones]
     return out
 
 
@@ -174,7 +166,7 @@ def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust
 
 
 def _one_by_one(
-    effect: Effect, slopes: Slopes, state: State, c: Circumstances, by_state: Sequence[Sequence[Screened]]
+    effect: Effect, slopes: Slopes, state: State, c: Circumstances, by_state: Sequence[Sequence[Single]]
 ) -> list[Single]:
     """The leading setting of each site, the largest gain first, each over states with those before it.
 
@@ -188,19 +180,19 @@ def _one_by_one(
     def apart(one: Single, other: Single) -> bool:
         return scan.apart(c, (one.site, one.setting), (other.site, other.setting))
 
-    values = np.unique([one.single.setting for one in by_state[0]])
-    while len(out) < max(effect.scan.several, len({one.single.site for one in by_state[0]})):
+    values = np.unique([one.setting for one in by_state[0]])
+    while len(out) < max(effect.scan.several, len({one.site for one in by_state[0]})):
         sites = [single.site for single in out]
         tried = [one for every in by_state for one in every]
-        eligible = [one for one in tried if sites.count(one.single.site) < effect.scan.several]
-        eligible = [one for one in eligible if all(apart(one.single, before) for before in out)]
+        eligible = [one for one in tried if sites.count(one.site) < effect.scan.several]
+        eligible = [one for one in eligible if all(apart(one, before) for before in out)]
         if not eligible:
             break
         best = max(eligible, key=lambda one: one.gain)
         if best.gain <= np.log(len(tried)):
             break
-        out.append(best.single)
-        columns = _columns(best.single, effect, slopes, c)
+        out.append(best)
+        columns = _columns(best, effect, slopes, c)
         width, size = state.problem.pool.shape[1], columns.shape[1]
         states = screening_states(
             replace(state.problem, pool=np.column_stack([state.problem.pool, columns])),

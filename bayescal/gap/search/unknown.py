@@ -149,7 +149,12 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
 
 def with_set(state: State, pool: Pool, index: int, scale: float, start: np.ndarray | None = None) -> State:
     """A state with a set of columns of a pool added; its problem has no other columns than those it uses."""
-    return _fitted(_with_columns(state, pool.columns[:, pool.sets[index]]), state, scale, start)
+    return with_columns(state, pool.columns[:, pool.sets[index]], scale, start)
+
+
+def with_columns(state: State, columns: np.ndarray, scale: float, start: np.ndarray | None = None) -> State:
+    """A state with further columns (R, k) at one scale; its problem has no other columns than it uses."""
+    return _fitted(_with_columns(state, columns), state, scale, start)
 
 
 def _with_columns(state: State, columns: np.ndarray) -> Problem:

@@ -22,8 +22,7 @@ from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
-from bayescal.gap.search.makers import Cell
-from bayescal.gap.search.quantities import Argument
+from bayescal.gap.search.makers import Argument, Cell
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import RELATIVES, SEARCH, VERDICT
 
@@ -58,7 +57,6 @@ def relatives(
         The hypothesis without a member.
     """
     state, p = h.state, h.state.problem
-    amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
     row = p.rows[p.contact]
     functions = RELATIVES.share * np.column_stack([a.functions for a in given])[row]
     factors = np.column_stack([np.ones(len(given[0].functions)), *(a.factors for a in given)])[row]
@@ -67,8 +65,7 @@ def relatives(
         reduced = without(member)
         if h.log_evidence - reduced.log_evidence < RELATIVES.least:
             continue
-        columns = member.variant.columns
-        predicted = p.pool[: p.count, columns] @ np.array([amplitudes[k] for k in columns.tolist()])
+        predicted = state.predicted(member.variant.columns)[: p.count]
         if not np.any(predicted):  # of a certificate
             continue
         modulated = _nats(state, predicted[:, None] * functions, [a.functions.shape[1] for a in given])
@@ -366,11 +363,9 @@ def _without_footnotes(
         return members, ()
     null = search.hypotheses[frozenset()].state
     state = search.hypothesis(members).state
-    amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
     size, turns = [], []
     for m in members:
-        columns = m.variant.columns
-        moved = search.problem.pool[:, columns] @ np.array([amplitudes[k] for k in columns.tolist()])
+        moved = state.predicted(m.variant.columns)
         size.append(float(np.mean(visible(null, moved) ** 2)))
         turns.append(float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)))
     total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)

@@ -21,15 +21,15 @@ from bayescal.effects.gravity import masses
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
-from bayescal.gap.design.blind_spots import located
-from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import COMPLIANCE, Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates
+from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import length_blocks, main_group
 from bayescal.model.scene import Scene
-from bayescal.predict.targets import centre_of
+from bayescal.predict.locate import Rows, locate
+from bayescal.predict.targets import as_certified, centre_of
 
 AGAIN = "the same poses again"
 
@@ -175,13 +175,11 @@ class Possible:
 
     def side(self, true: Hypothesis, rival: Hypothesis) -> PairSide | None:
         """The effects of `true` that its rival lacks, as the truth; None without such effects."""
-        ends = np.cumsum([len(m.variant.columns) for m in true.members])[:-1]
-        parts = zip(true.members, np.split(true.state.amplitudes, ends), strict=True) if true.members else ()
-        beyond = [(m.variant.columns, a) for m, a in parts if m.effect not in rival.names]
+        beyond = [m.variant.columns for m in true.members if m.effect not in rival.names]
         if not beyond:
             return None
-        columns, amplitude = (np.concatenate(x) for x in zip(*beyond, strict=True))
-        state = rival.state
+        columns, state = np.concatenate(beyond), rival.state
+        amplitude = true.state.amplitudes_of(columns)
         seen = project(state, state.problem.pool[:, columns])
         rivals = self.pool[:, np.searchsorted(self.used, state.columns)] * state.scales
         return PairSide(
@@ -200,6 +198,28 @@ class Possible:
         columns = np.searchsorted(self.used, np.union1d(a.state.columns, b.state.columns))
         changed = (self.pool[:count] - other.pool)[:, columns], self.design[:count] - other.design
         return any(np.max(np.abs(d), initial=0.0) > DESIGN.changed for d in changed)
+
+
+def located(
+    fitted: Estimate, wide: Model, target: int, values: np.ndarray
+) -> tuple[Block, np.ndarray] | None:
+    """A validation sphere or socket as a block of its own contacts, and its part of z at the solution.
+
+    A certified diameter is fixed. None if it was touched by a tool that was not fitted, or has no contact.
+    """
+    scene = fitted.model.scene
+    validated = scene.rows_of(target, scene.rows("validate"))  # without any, its rows may not locate it
+    rows = scene.rows_of(target, scene.rows("validate", "locate")) if len(validated) else validated
+    m = scene.dataset.measurements
+    if not len(rows) or not np.isin(m.tool[rows], m.tool[scene.rows("calibrate")]).all():
+        return None
+    block = wide.block(target, rows)
+    if not scene.declared[target].centred or not np.all(block.kind.sd[:3] > 0):
+        return None
+    block = as_certified(scene, block)
+    sigma = np.tile(block.sigma, (block.kind.rows, 1))
+    location, _ = locate(block.target, Rows(block.kind, block.motion.points(values), sigma))
+    return block, location.x[0, block.free] / block.sd
 
 
 def stated_masses(fitted: Estimate) -> list[Parameter]:

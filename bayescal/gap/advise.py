@@ -1,4 +1,11 @@
-"""Blind spots: effects of plausible amplitude that are not detectable, and the resulting distance errors.
+"""Advice: what to measure next to distinguish two explanations of the gap.
+
+Candidate contacts are contacts of the session, repeated under other conditions (`candidate_contacts`). The
+detectability lambda of A, with the parameters of the model *and* of B free, grows by e^2 / (1 + v) with each
+contact, where e is the error of the prediction by B and v its variance: closed form, without simulation or
+refit.
+
+Blind spots: effects of plausible amplitude that are not detectable, and the resulting distance errors.
 
 All is linear at one state. The column x of an effect, projected off the model, has the detectability x'Mx.
 The calibration absorbs z = Cov J'x of it, which displaces every located centre.
@@ -6,23 +13,168 @@ The calibration absorbs z = Cov J'x of it, which displaces every located centre.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.dataset import Dataset
 from bayescal.effects import Parameter, Site
 from bayescal.estimate import Estimate
-from bayescal.gap.design.settings import DESIGN
+from bayescal.gap.candidate_contacts import AGAIN, PairSide, Possible, located, possibilities
+from bayescal.gap.examine import Examined
 from bayescal.gap.linear.evidence import Projected, project
 from bayescal.gap.linear.state import State
-from bayescal.gap.result import BlindSpot
+from bayescal.gap.result import Advice, BlindSpot, NextContact, Pair, Side, Suspect
+from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Candidates
-from bayescal.model import ARM, Block, Model
+from bayescal.gap.search.refit import model_name
+from bayescal.gap.settings import DESIGN, VERDICT
+from bayescal.model import ARM, Model
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import by_points
-from bayescal.predict.locate import Rows, locate
-from bayescal.predict.targets import as_certified, centre_of
+from bayescal.predict.targets import centre_of
+
+NOTHING = "noise only"
+
+
+def choose(
+    sides: Sequence[PairSide], contact: np.ndarray, pose: np.ndarray, count: int
+) -> tuple[list[int], float]:
+    """Contacts, the best first, each with the largest increase of the smaller lambda; and that lambda.
+
+    Parameters
+    ----------
+    sides : sequence of Side
+        For the same R residuals of candidate contacts.
+    contact : np.ndarray, shape (R,)
+        The contact of each residual, counted from 0.
+    pose : np.ndarray, shape (contacts,)
+        The row of the session with its pose; no pose is chosen twice.
+    count : int
+    """
+    allowed = np.zeros(len(pose))
+    order: list[int] = []
+    for _ in range(min(count, len(np.unique(pose)))):
+        reach = [s.strength + np.bincount(contact, s.error**2 / (1.0 + s.variance)) for s in sides]
+        best = int(np.argmax(np.min(reach, axis=0) + allowed))
+        allowed[pose == pose[best]] = -np.inf
+        order.append(best)
+        rows = np.flatnonzero(contact == best)
+        for side in sides:
+            side.add(rows)
+    return order, min(s.strength for s in sides)
+
+
+def advise(
+    fitted: Estimate, candidates: Candidates, pairs: Sequence[tuple[Hypothesis, Hypothesis]]
+) -> tuple[Advice, ...]:
+    """Next measurements to distinguish each pair of hypotheses: the best intervention, or the best two.
+
+    Parameters
+    ----------
+    fitted : Estimate
+        The baseline.
+    candidates : Candidates
+        Of the search.
+    pairs : sequence of (Hypothesis, Hypothesis)
+        Effects that both contain belong to the model.
+
+    Returns
+    -------
+    tuple of Advice
+        The same poses again where no intervention is much better; none for a pair to whose lambda no
+        intervention adds `DESIGN.least`.
+
+    Notes
+    -----
+    Either of the two may be the true one: lambda is the smaller, of A beside B and of B beside A, each
+    at its fitted amplitude, so that neither can replace the other.
+    """
+    members = [m for pair in pairs for h in pair for m in h.members]
+    if not members:
+        return ()
+    interventions = possibilities(fitted, candidates, members)
+    dataset = fitted.model.scene.dataset
+    images = fitted.model.scene.in_images.all()
+    contacts = min(DESIGN.contacts, DESIGN.images) if images else DESIGN.contacts
+    readings = dataset.measurements.readings
+    out: list[Advice] = []
+    for a, b in pairs:
+        ways = (a, b), (b, a)
+        names = [" and ".join(n for n in x.names if n not in y.names) or NOTHING for x, y in ways]
+        tried: list[Advice] = []
+        for intervention in interventions:
+            if intervention is not interventions[0] and not intervention.differs(interventions[0], a, b):
+                continue
+            sides = [s for one, other in ways if (s := intervention.side(one, other)) is not None]
+            if not sides:
+                break
+            before = min(s.strength for s in sides)
+            order, after = choose(sides, intervention.contact, intervention.pose, contacts)
+            contacts_of = () if intervention.measured else next_contacts(dataset, intervention, order)
+            poses = tuple(tuple(pose) for pose in readings[intervention.pose[order]].tolist())
+            pair = names[0], names[1]
+            tried.append(Advice(pair, intervention.what, poses, before, after, contacts_of))
+        if max((t.lambda_after - t.lambda_before for t in tried), default=0.0) < DESIGN.least:
+            continue
+        better = [t for t in tried[1:] if t.lambda_after > DESIGN.better * tried[0].lambda_after]
+        better.sort(key=lambda t: -t.lambda_after)
+        out += [t for t in better[:2] if t.lambda_after > 0.5 * better[0].lambda_after] or tried[:1]
+    return tuple(out)
+
+
+def next_contacts(dataset: Dataset, chosen: Possible, order: Sequence[int]) -> tuple[NextContact, ...]:
+    """Contacts of an intervention as they are to be measured: at rows of a session, under its conditions."""
+    m = dataset.measurements
+    return tuple(
+        NextContact(
+            dataset.targets[m.target[row]].name,
+            dataset.tools[m.tool[row]].name,
+            tuple(m.readings[row].tolist()),
+            None if chosen.velocity is None else tuple(chosen.velocity[k].tolist()),
+            None if chosen.payload is None else float(chosen.payload[k]),
+            m.ids[row] if chosen.what == AGAIN else "",
+        )
+        for k, row in zip(order, chosen.pose[list(order)].tolist(), strict=True)
+    )
+
+
+def rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
+    """Pairs of hypotheses that the data do not distinguish: the most probable and its alternatives."""
+    named = [w for w in e.decision.weighed if not w.unmodelled]
+    leader = named[0]
+    likely = [w.hypothesis for w in named[1:] if w.probability > VERDICT.doubt]
+    others = [h for h in likely if h.names != leader.hypothesis.names]
+    return [(leader.hypothesis, h) for h in others[: VERDICT.advised]]
+
+
+def undecided(e: Examined) -> tuple[Pair, ...]:
+    """Pairs of explanations with their fitted parameters; then every name that is not confirmed."""
+    d, pairs = e.decision, []
+    for a, b in rivals(e):
+        shared = set(a.names) & set(b.names)
+        parts = (a, set(a.names) - shared), (b, set(b.names) - shared), (a, shared)
+        pairs.append(Pair(*(_side(h, e.candidates, effects) for h, effects in parts)))
+    leader = next(w.hypothesis for w in d.weighed if not w.unmodelled)
+    for effect in (*sorted(d.unclaimed), *sorted(d.withheld)):  # as sets their order differs by process
+        h = d.hypothesis if effect in d.hypothesis.names else leader
+        if effect in h.names:
+            others = set(h.names) - {effect}
+            pairs.append(Pair(_side(h, e.candidates, {effect}), (), _side(h, e.candidates, others)))
+    return tuple(pairs)
+
+
+def _side(h: Hypothesis, candidates: Candidates, effects: Collection[str]) -> Side:
+    """Some effects of a hypothesis, with the parameters that it fits."""
+    out = []
+    for m in h.members:
+        if m.effect in effects:
+            fitted = [candidates.pool[k] for k in m.variant.columns]
+            amplitudes = h.state.amplitudes_of(m.variant.columns)
+            values = {p.name: float(x * p.sd) for p, x in zip(fitted, amplitudes, strict=True)}
+            out.append(Suspect(model_name(m, candidates), values, {p.name: p.unit for p in fitted}))
+    return tuple(out)
 
 
 @dataclass(frozen=True)
@@ -160,28 +312,6 @@ def distances(fitted: Estimate, extra: Sequence[Parameter], used: np.ndarray, se
 def certified_distances(scene: Scene) -> list[tuple[str, ...]]:
     """Targets of all certified distances."""
     return [c.targets for c in scene.dataset.certificates if c.kind == "distance"]
-
-
-def located(
-    fitted: Estimate, wide: Model, target: int, values: np.ndarray
-) -> tuple[Block, np.ndarray] | None:
-    """A validation sphere or socket as a block of its own contacts, and its part of z at the solution.
-
-    A certified diameter is fixed. None if it was touched by a tool that was not fitted, or has no contact.
-    """
-    scene = fitted.model.scene
-    validated = scene.rows_of(target, scene.rows("validate"))  # without any, its rows may not locate it
-    rows = scene.rows_of(target, scene.rows("validate", "locate")) if len(validated) else validated
-    m = scene.dataset.measurements
-    if not len(rows) or not np.isin(m.tool[rows], m.tool[scene.rows("calibrate")]).all():
-        return None
-    block = wide.block(target, rows)
-    if not scene.declared[target].centred or not np.all(block.kind.sd[:3] > 0):
-        return None
-    block = as_certified(scene, block)
-    sigma = np.tile(block.sigma, (block.kind.rows, 1))
-    location, _ = locate(block.target, Rows(block.kind, block.motion.points(values), sigma))
-    return block, location.x[0, block.free] / block.sd
 
 
 def _centre(

@@ -1,1 +1,0 @@
-"""What to measure next, and what the session cannot show."""
