@@ -1,4 +1,4 @@
-"""Tails of the usual distributions, root mean squares, and seeds of independent streams of random numbers.
+"""Tails of the usual distributions, root mean squares, groups, and seeds of streams of random numbers.
 
 Tails are those of `scipy.special`: `scipy.stats` takes a second to import. Each takes arrays. Without degrees
 of freedom there is no distribution: NaN, as `scipy.stats` has it.
@@ -6,18 +6,30 @@ of freedom there is no distribution: NaN, as `scipy.stats` has it.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Hashable, Iterable
+from math import nan
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy import special
 
 Values = Any
 """A number or an array of numbers; all arguments broadcast."""
+Label = TypeVar("Label", bound=Hashable)
+Value = TypeVar("Value")
 
 
-def rms(x: np.ndarray) -> float:
+def rms(x: np.ndarray, of_none: float = nan) -> float:
     """Root mean square of values of any shape."""
-    return float(np.sqrt(np.mean(x**2)))
+    return float(np.sqrt(np.mean(x**2))) if x.size else of_none
+
+
+def grouped(pairs: Iterable[tuple[Label, Value]]) -> dict[Label, list[Value]]:
+    """Values by label, both in the order in which they come."""
+    out: dict[Label, list[Value]] = {}
+    for label, value in pairs:
+        out.setdefault(label, []).append(value)
+    return out
 
 
 def decimals_of(u: float) -> int:

@@ -17,7 +17,7 @@ from bayescal.model import ARM
 from bayescal.predict.errors import certified_pairs, slopes
 from bayescal.predict.forecast import READINGS, read_pairs, workspace
 from bayescal.predict.targets import RowPrediction
-from bayescal.statistics import rms
+from bayescal.statistics import grouped, rms
 
 DISTANCE, DISTANCES, POINT, PARAMETER = "distance", "distances", "point", "parameter"
 """Kinds of measurands."""
@@ -165,11 +165,8 @@ def _merged(errors: Sequence[inputs.Contribution]) -> tuple[inputs.Contribution,
 
 def in_common(errors: Sequence[inputs.Contribution]) -> tuple[inputs.Contribution, ...]:
     """Independent inputs of many targets as a few components: by their common names."""
-    groups: dict[str, list[inputs.Contribution]] = {}
-    for source, by in errors:
-        groups.setdefault(source.common or source.name, []).append((source, by))
     out: list[inputs.Contribution] = []
-    for name, each in groups.items():
+    for name, each in grouped((source.common or source.name, (source, by)) for source, by in errors).items():
         first = each[0][0]
         sizes = {source.u for source, _ in each}
         stated = [u for u in sizes if u is not None]

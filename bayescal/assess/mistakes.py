@@ -21,6 +21,7 @@ from bayescal.estimate import linearise, unit_weights
 from bayescal.model.block import Turned
 from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
+from bayescal.statistics import grouped
 
 MOST_ROWS = 200
 """Rows that a hypothesis is judged by: evenly from all."""
@@ -232,10 +233,7 @@ def _tools(dataset: Dataset) -> Iterator[tuple[str, str]]:
 def _round(dataset: Dataset) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Spheres and cylinders that rows measure, in words and by name: all, and each at its placements."""
     used = [dataset.targets[k] for k in np.unique(dataset.measurements.target)]
-    groups: dict[str, list[str]] = {}
-    for target in used:
-        if "diameter" in target.values:
-            groups.setdefault(target.name.partition("@")[0], []).append(target.name)
+    groups = grouped((t.name.partition("@")[0], t.name) for t in used if "diameter" in t.values)
     if len(groups) > 1:
         yield "all spheres and cylinders", tuple(name for names in groups.values() for name in names)
     for name, names in groups.items() if len(groups) <= MOST_GROUPS else ():

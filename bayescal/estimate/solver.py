@@ -18,6 +18,7 @@ from bayescal.estimate.correlated import Decorrelation, Shared, fields
 from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
 from bayescal.model.scene import Scene
+from bayescal.statistics import grouped
 
 if TYPE_CHECKING:
     from factors.graph import Function, Graph
@@ -278,10 +279,7 @@ STATED_WORTH = 8.0
 
 def by_group(model: Model) -> dict[str, list[Block]]:
     """Blocks by noise group."""
-    out: dict[str, list[Block]] = {}
-    for block in model.blocks:
-        out.setdefault(block.group, []).append(block)
-    return out
+    return grouped((block.group, block) for block in model.blocks)
 
 
 def rescaled_weights(

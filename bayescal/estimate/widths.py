@@ -36,6 +36,7 @@ from bayescal.estimate.solver import STATED_WORTH
 from bayescal.model.block import ARM
 from bayescal.model.options import STATED, FitOptions, family
 from bayescal.model.scene import Scene
+from bayescal.statistics import grouped
 
 TOLD, LEAST = 4.0, 1.0
 """Nats that factors together must gain over none, odds of 50, and each of them over its stated width
@@ -165,11 +166,8 @@ def widths(
 
 def families_of(fitted: Estimate) -> dict[str, list[int]]:
     """The places of the parameters of each family of a fitted model."""
-    families: dict[str, list[int]] = {}
-    for k, p in enumerate(fitted.model.parameters):
-        if name := family(p):
-            families.setdefault(name, []).append(k)
-    return families
+    every = enumerate(map(family, fitted.model.parameters))
+    return grouped((name, k) for k, name in every if name)
 
 
 def log_evidence(fitted: Estimate, left_out: np.ndarray) -> float:

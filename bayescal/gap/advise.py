@@ -34,6 +34,7 @@ from bayescal.model import ARM, Model
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import by_points
 from bayescal.predict.targets import centre_of
+from bayescal.statistics import grouped
 
 NOTHING = "noise only"
 
@@ -194,10 +195,8 @@ def seats(candidates: Candidates, named: Sequence[str] = ()) -> list[Seat]:
         if effect in named:
             continue
         indices = np.unique(np.concatenate([v.columns for v in variants if v.setting == variants[0].setting]))
-        groups: dict[tuple[Site, str], list[int]] = {}
-        for k in indices:
-            p = candidates.pool[k]
-            groups.setdefault((p.site, p.unit), []).append(int(k))
+        pool = candidates.pool
+        groups = grouped(((pool[k].site, pool[k].unit), k) for k in indices.tolist())
         out += [Seat(effect, *key, np.array(columns)) for key, columns in groups.items()]
     return out
 

@@ -27,7 +27,7 @@ from bayescal.gap.advise import advise, blind_spots, rivals, undecided, unseen
 from bayescal.gap.candidate_contacts import stated_masses
 from bayescal.gap.concluded import concluded, doubted, events_of
 from bayescal.gap.examine import Examined, examine, where
-from bayescal.gap.linear.problem import Problem, without_nuisance
+from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins, residuals_in_time
@@ -294,7 +294,6 @@ def _diagnosed(
     def either(what: str, compute: Callable[[], T], otherwise: Otherwise) -> T | Otherwise:
         return attempted(what, compute, otherwise, lost)
 
-    plain = without_nuisance(last.problem, last.fitted.model.size)
     free = either("the refit with the confirmed names alone", partial(_confirmed, explained), final)
     arm, rigid = either("limits of compliances", partial(bounded, free), (free, UNCHANGED))
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
@@ -318,36 +317,29 @@ def _diagnosed(
         reduction = either("the reduction of errors", compare, ())
     if not all(n.confirmed for n in verdict.named):
         reduction = tuple(replace(s, claimed=False) for s in reduction)
-    places = either("locations", partial(where, first, last, explained.promoted, noise.sd), ())
-    groups = either("groups", partial(margins, explained.baseline, before, noise.sd, noise.dof), {})
-    advice = either("what to measure next", partial(_advice, last), ())
-    spots = either("effects that would not be seen", partial(_unseen, last, plain), ())
-    sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
-    open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
-    cautions = warnings(explained.baseline, final, before, after, lacking, explained.unsure)
     return Gap(
         dataset=dataset,
         baseline=effects,
         options=last.options,
         magnitude=size,
-        where=places,
-        margins=groups,
         verdict=verdict,
         shrinkage=reduction,
         levels=model_levels(levels, kept(before, after)),
-        advice=advice,
-        blind_spots=spots,
+        where=either("locations", partial(where, first, last, explained.promoted, noise.sd), ()),
+        margins=either("groups", partial(margins, explained.baseline, before, noise.sd, noise.dof), {}),
+        advice=either("what to measure next", partial(_advice, last), ()),
+        blind_spots=either("effects that would not be seen", partial(_unseen, last), ()),
+        amplitudes=either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ()),
+        undecided=either("effects that are not told from each other", partial(undecided, last), ()),
         residuals=residuals_in_time(explained.baseline, final),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *last.options.contrary,
-            *cautions,
+            *warnings(explained.baseline, final, before, after, lacking, explained.unsure),
             *lost,
         ),
-        amplitudes=sizes,
         refit=final.model.effects,
         still_without=still_without(last.options.without, decision.members),
-        undecided=open_pairs,
         arm=None if wide is None else arm,
         calibrated=explained.baseline,
         covariance=wide,
@@ -368,9 +360,10 @@ def _advice(last: Examined) -> tuple[Advice, ...]:
     return advise(last.fitted, last.candidates, pairs)
 
 
-def _unseen(last: Examined, plain: Problem) -> tuple[BlindSpot, ...]:
+def _unseen(last: Examined) -> tuple[BlindSpot, ...]:
     """Effects that the session would not show."""
     named = tuple(m.effect for m in last.decision.members)
+    plain = without_nuisance(last.problem, last.fitted.model.size)
     chosen = again(last.decision.hypothesis.state, plain)
     return unseen(blind_spots(last.fitted, last.candidates, chosen, named))
 

@@ -17,6 +17,7 @@ from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
 from bayescal.model.parts import STATED, as_seen, blur_of, posed_rowwise, rowwise, u_of, unposed, views_of
+from bayescal.statistics import grouped
 from factors.camera import Instrument, Orientation
 from factors.certificate import RELATIONS, Shape, ordered, shape
 from factors.contacts import Plane
@@ -307,9 +308,7 @@ class Scene:
         points = entry.points
         assert points is not None
         used = [k for k, name in enumerate(entry.targets) if name in fitted]
-        placed: dict[str, list[int]] = {}
-        for k in used:
-            placed.setdefault(points.placements[k], []).append(k)
+        placed = grouped((points.placements[k], k) for k in used)
         groups = [group for group in placed.values() if len(group) > 1]
         names = tuple(entry.targets[k] for group in groups for k in group)
         if not names:

@@ -71,7 +71,7 @@ class Errors:
     @property
     def rms(self) -> float:
         """Root mean square."""
-        return rms(self.values) if len(self.values) else float("nan")
+        return rms(self.values)
 
     @property
     def mean(self) -> float:

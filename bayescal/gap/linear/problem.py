@@ -76,11 +76,6 @@ class Problem:
         first = np.cumsum(size) - size
         return [order[first[size == k][:, None] + np.arange(k)] for k in np.unique(size)]
 
-    @property
-    def ends(self) -> np.ndarray:
-        """End of the contacts of each size except the last, in the order of `by_size`."""
-        return np.cumsum(list(map(len, self.by_size)))[:-1]
-
     @cached_property
     def gross(self) -> np.ndarray:
         """Log density (contacts,) of an outlier: that of a good contact at the limit of rejection."""

@@ -141,6 +141,7 @@ def fit_state(
     """
     columns, scales = np.asarray(columns, int), np.asarray(scales, float)
     normal, count, base = _Normal(p, columns, scales), p.count, p.base
+    ends = np.cumsum(list(map(len, p.by_size)))[:-1]  # of the contacts of each size except the last
     weight, kappa = base.copy() if start is None else np.where(start > 0, base, 0.0), 1.0
     if robust and start is None:
         weight, kappa = _student(normal, weight)
@@ -151,7 +152,7 @@ def fit_state(
         if robust:
             judged = normal.judged(r, weight, kappa, factor)
             effective_dof = float(judged.weight @ judged.taken)
-            for rows, good in zip(p.by_size, np.split(~judged.outliers(), p.ends), strict=True):
+            for rows, good in zip(p.by_size, np.split(~judged.outliers(), ends), strict=True):
                 used = good if p.sharing is None else good | p.sharing[p.contact[rows[:, 0]]]
                 weight[rows] = used[:, None] * base[rows]
         else:

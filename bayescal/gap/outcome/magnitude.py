@@ -191,9 +191,8 @@ def model_levels(levels: Sequence[Level], fair: np.ndarray | None = None) -> tup
         density, block = log_predictive(h)
         gain, se = (0.0, 0.0) if before is None else difference(density - before, block)
         before = density
-        distances = rms(h.distances.error) if len(h.distances.error) else nan
-        main, points = (_rms(h, fair & mine) for mine in (h.group == h.main, h.kind == "points"))
-        out.append(Step(level.model, main, distances, points, gain, se))
+        main, points = (rms(h.residual[fair & mine]) for mine in (h.group == h.main, h.kind == "points"))
+        out.append(Step(level.model, main, rms(h.distances.error), points, gain, se))
     return tuple(out)
 
 
@@ -216,10 +215,6 @@ def difference(gain: np.ndarray, block: np.ndarray) -> tuple[float, float]:
     sums = np.bincount(np.unique(block, return_inverse=True)[1], gain)
     se = float(np.sqrt(len(sums)) * np.std(sums, ddof=1)) if len(sums) > 1 else nan
     return float(np.sum(gain)), se
-
-
-def _rms(held: ValidationErrors, mine: np.ndarray) -> float:
-    return rms(held.residual[mine]) if np.any(mine) else nan
 
 
 def shrinkage(
@@ -251,8 +246,7 @@ def shrinkage(
             continue
         # replaces the noise of the fit by the best estimate, in the same proportions of rows
         main = mine & (after.group == after.main)
-        fit = rms(after.noise[main]) if np.any(main) else nan
-        sigma = np.where(main, after.noise * (noise / fit), after.noise)[mine]
+        sigma = np.where(main, after.noise * (noise / rms(after.noise[main])), after.noise)[mine]
         floor = sigma**2 + np.sum(after.by_parameters[mine] ** 2, axis=1)
         squares = np.stack(
             [before.residual[mine] ** 2, after.residual[mine] ** 2, floor, sigma**2 * main[mine]]

@@ -117,10 +117,6 @@ def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
         )
 
 
-def _rms(values: np.ndarray) -> float:
-    return rms(values) if len(values) else 0.0
-
-
 def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:
     """Noise (R,) of validation residuals, m, without the uncertainty of the parameters."""
     usual = {g: stated_noise(fitted, g) * s for g, s in fitted.weights.scale.items()}
@@ -133,7 +129,7 @@ def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
     The RMS weights all rows alike, the log density each by its predicted uncertainty.
     """
     fair = kept(first, last)
-    old, new = _rms(first.residual[fair]), _rms(last.residual[fair])
+    old, new = rms(first.residual[fair], of_none=0.0), rms(last.residual[fair], of_none=0.0)
     if new <= OUTCOME.grown * old:
         return
     density, block = log_predictive(last)
@@ -145,7 +141,7 @@ def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
             f"density, {nats:+.1f} nats, is within its uncertainty of {se:.1f}"
         )
     elif nats > 0:
-        was, now = _rms(first.sd[fair]), _rms(last.sd[fair])
+        was, now = rms(first.sd[fair], of_none=0.0), rms(last.sd[fair], of_none=0.0)
         yield (
             f"validation errors increase with the named effects, {sizes}, but so does their log density, by "
             f"{nats:.0f} nats: it weights each error by its predicted uncertainty (RMS {1e6 * was:.3g} µm, "
@@ -174,7 +170,7 @@ def warnings(
         are = "validation rows are" if count > 1 else "validation row is"
         yield f"{count} {are} within the interval of a sudden change and not counted in validation errors"
     fair = kept(first, last)
-    expected, noise = _rms(first.sd[fair]), _rms(_noise(before, first)[fair])
+    expected, noise = rms(first.sd[fair], of_none=0.0), rms(_noise(before, first)[fair], of_none=0.0)
     if expected > OUTCOME.loose * noise:
         yield (
             f"the parameters are uncertain: the model expects a validation RMS of {1e6 * expected:.0f} µm, "

@@ -18,7 +18,7 @@ from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.unknown import CellFit, Pool, gains, with_set
 from bayescal.gap.settings import OUTCOME, SEARCH
-from bayescal.statistics import f_sf, rms
+from bayescal.statistics import f_sf, grouped, rms
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _place(of: Contribution, without: State, with_it: State, tests: int, scale: 
     bare = fit_state(without_nuisance(p, scale.size), (), (), without.weight, robust=False)
     residual = visible(bare, of.motion)
     kept = without.weight[: p.lengths] > 0
-    size = rms(residual[kept]) if np.any(kept) else 0.0
+    size = rms(residual[kept], of_none=0.0)
     p_value = f_test(without, of.columns)
     curve = _curve(of, with_it, scale.circumstances)
     family = min(1.0, p_value * tests)
@@ -183,7 +183,7 @@ def _of_random_cell(state: State, pool: Pool, f: CellFit, scale: Scale) -> Place
     column = pool.columns[:, pool.sets[f.best]]
     kept = state.weight[: p.lengths] > 0
     sd = column[: p.lengths, 0] * p.sigma * f.scale
-    size = rms(sd[kept]) if np.any(kept) else 0.0
+    size = rms(sd[kept], of_none=0.0)
     p_value = float(np.exp(-max(f.gain, 0.0)))
     of = Contribution(cell.site, cell.driver, (), column, np.zeros(0), f.gain)
     curve, family = _curve(of, state, scale.circumstances), min(1.0, p_value * len(pool.sets))
@@ -195,12 +195,11 @@ def places_named(hypothesis: Hypothesis, named: Sequence[Parameter], scale: Scal
     state, p = hypothesis.state, hypothesis.state.problem
     out: list[Place] = []
     for member in hypothesis.members:
-        groups: dict[tuple[Site, Driver], list[int]] = {}
-        for k in member.variant.columns.tolist():
-            groups.setdefault((named[k].site, named[k].driver), []).append(k)
+        columns_of = member.variant.columns.tolist()
+        groups = grouped(((named[k].site, named[k].driver), k) for k in columns_of)
         drivers = {driver for _, driver in groups}
         if len(groups) > 1 and len(drivers) == 1:  # a common cause at all joints is listed before its parts
-            groups = {(ARM, drivers.pop()): member.variant.columns.tolist()} | groups
+            groups = {(ARM, drivers.pop()): columns_of} | groups
         mine = []
         for (site, driver), index in groups.items():
             without, parameters = state.without(np.array(index)), [named[k] for k in index]

@@ -20,6 +20,7 @@ from bayescal.effects.selection import in_proportion, plain
 from bayescal.effects.vocabulary import Form, same_terms
 from bayescal.gap.settings import SEARCH
 from bayescal.model.options import Part
+from bayescal.statistics import grouped
 
 ALIASED = "the poses do not distinguish it from a low harmonic of the angle"
 HARMONICS = 2  # the orders that other effects have
@@ -33,11 +34,8 @@ def unaliased(parameters: Sequence[Parameter], c: Circumstances) -> list[bool]:
     It is aliased if a straight line and the harmonics explain nearly all of it at the fitted measurements.
     """
     out = [True] * len(parameters)
-    ripples: dict[int, list[int]] = {}
-    for k, p in enumerate(parameters):
-        if p.driver.kind == "angle" and p.driver.order > HARMONICS:
-            ripples.setdefault(p.driver.joint, []).append(k)
-    for j, indices in ripples.items():
+    ripples = [k for k, p in enumerate(parameters) if p.driver.kind == "angle" and p.driver.order > HARMONICS]
+    for j, indices in grouped((parameters[k].driver.joint, k) for k in ripples).items():
         angle = c.q[c.fitted, j - 1]
         slow = [np.ones_like(angle), angle]
         slow += [f(k * angle) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
@@ -269,11 +267,9 @@ def _subsets(
 
 def _at_sites(effect: Effect, value: Setting, parameters: Sequence[Parameter], first: int) -> list[Variant]:
     """An effect at each single site, by each driver; all orders of a coordinate of a form act together."""
-    groups: dict[tuple[Site, Driver], list[int]] = {}
-    for k, p in enumerate(parameters):
-        groups.setdefault((p.site, p.driver.course if isinstance(value, str) else p.driver), []).append(k)
-    out = []
-    for (site, _), indices in groups.items():
+    joined, out = isinstance(value, str), []
+    by_site = ((p.site, p.driver.course if joined else p.driver) for p in parameters)
+    for (site, _), indices in grouped((place, k) for k, place in enumerate(by_site)).items():
         places = tuple(dict.fromkeys((site, parameters[k].driver) for k in indices))
         out.append(Variant(effect.name, value, (site,), first + np.array(indices), 0.0, places))
     return out

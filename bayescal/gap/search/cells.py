@@ -18,7 +18,7 @@ import numpy as np
 from bayescal.arm.motion import IMAGE, TURN, Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, View
 from bayescal.effects.by_time import reflectors
-from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
+from bayescal.effects.common import by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
 from bayescal.estimate.families import cosines
@@ -28,6 +28,7 @@ from bayescal.gap.search.makers import (
     TURNS,
     Cell,
     Mover,
+    along,
     arguments,
     at_joint,
     at_tool,
@@ -39,6 +40,7 @@ from bayescal.gap.search.makers import (
     shifts,
     sides_of,
     smooth,
+    tilted,
 )
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
@@ -183,21 +185,19 @@ def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
         drivers = np.exp(-0.5 * ((angle - centres[:, None]) / width) ** 2)
         seen = np.sum(drivers[:, c.fitted] > 0.5, axis=1) >= CELLS.fewest / 2
         for driver in drivers[seen]:
-            yield (Parameter("", "rad", (Term(j, "rz", driver),), CELLS.angle),)
+            yield (along(j, "rz", driver),)
 
 
 def _bending(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         waves = smooth(c.q[:, j - 1], c.fitted)
-        turns = [Parameter("", "rad", (Term(j, a, w),), CELLS.angle) for a in ("rx", "ry") for w in waves]
-        if c.robot.slides[j - 1]:
-            turns += [Parameter("", "m", (Term(j, a, w),), CELLS.length) for a in ("tx", "ty") for w in waves]
-        yield Cell(link(j), by_reading(c.robot, j), (tuple(turns),))
+        axes = ("rx", "ry", "tx", "ty") if c.robot.slides[j - 1] else ("rx", "ry")
+        turns = tuple(along(j, axis, w) for axis in axes for w in waves)
+        yield Cell(link(j), by_reading(c.robot, j), (turns,))
     for tilt in tilts(c):
         waves = smooth(tilt.moment, c.fitted, 3)
         if waves and np.ptp(tilt.moment[c.fitted]) > 1e-3:
-            turns = [Parameter("", "rad", base_terms(c, "r", tilt.axis, w), CELLS.angle) for w in waves]
-            yield Cell(BASE, Driver("base moment"), (tuple(turns),))
+            yield Cell(BASE, Driver("base moment"), (tuple(tilted(c, tilt.axis, w) for w in waves),))
 
 
 def _time(c: Circumstances) -> Iterator[Cell]:

@@ -21,13 +21,14 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
-from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
+from bayescal.effects.common import by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view
 from bayescal.effects.location import ARM, BASE, CAMERA, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.probe import shapes
 from bayescal.estimate.families import lobes, unit_range
 from bayescal.gap.search.makers import (
     Cell,
+    along,
     arguments,
     at_contact,
     at_joint,
@@ -42,6 +43,7 @@ from bayescal.gap.search.makers import (
     sides_of,
     slack,
     smooth,
+    tilted,
 )
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
@@ -113,8 +115,7 @@ def rocking(c: Circumstances) -> Iterator[Cell]:
             continue
         size = float(np.quantile(np.abs(mine), 0.9))
         for knee, threshold in itertools.product(CELLS.knees, (0.0, float(np.median(mine)))):
-            terms = base_terms(c, "r", axis, np.tanh((moment - threshold) / (knee * size)))
-            sets.append((Parameter("", "rad", terms, CELLS.angle),))
+            sets.append((tilted(c, axis, np.tanh((moment - threshold) / (knee * size))),))
     yield Cell(BASE, Driver("base moment", form="sign"), tuple(sets))
 
 
@@ -196,12 +197,8 @@ def by_any(c: Circumstances) -> Iterator[Cell]:
             both = [list(a.functions.T)]
             if a.driver.kind in BY_READING:
                 both.append([*a.functions.T, *(u * v for u in a.functions.T for v in clock)])
-            sets = [
-                tuple(Parameter("", "rad", (Term(j, axis, f),), CELLS.angle) for f in of)
-                for of in both
-                for axis in ("rx", "ry")
-            ]
-            yield Cell(link(j), a.driver, tuple(sets), weight=weight)
+            sets = tuple(tuple(along(j, axis, f) for f in of) for of in both for axis in ("rx", "ry"))
+            yield Cell(link(j), a.driver, sets, weight=weight)
         for site in (BASE, TOOL, *(at_view(v, CAMERA) for v in c.views)):
             yield Cell(site, a.driver, tuple(_each_axis(c, site, list(a.functions.T))), weight=weight)
     smoothest = smooth(measured(c).argsort().astype(float), c.fitted, CELLS.rough_waves)
@@ -223,7 +220,7 @@ def remembering(c: Circumstances) -> Iterator[Cell]:
         mine = by.moment[order] - np.median(by.moment[c.fitted])
         state = np.empty((len(CELLS.clearance), len(order)))
         state[:, order] = slack(mine, np.array(CELLS.clearance) * np.std(by.moment[c.fitted]))
-        sets += [(Parameter("", "rad", base_terms(c, "r", by.axis, s), CELLS.angle),) for s in state]
+        sets += [(tilted(c, by.axis, s),) for s in state]
     yield Cell(BASE, Driver("base moment", form="past"), tuple(sets))
     if not np.any(c.touching):
         return

@@ -11,7 +11,7 @@ from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, IMAGE, TURN, Term
 from bayescal.arm.statics import gravity_in_f0
 from bayescal.effects import Circumstances, Parameter, View, location
-from bayescal.effects.common import LINK, READING, by_reading, sense, side_of, turned
+from bayescal.effects.common import LINK, READING, base_terms, by_reading, sense, side_of, turned
 from bayescal.effects.imaging import at_view
 from bayescal.effects.location import BASE, CAMERA, PROBE, TOOL, Driver, Site, joint
 from bayescal.estimate.families import cosines, unit_range
@@ -38,6 +38,17 @@ class Cell:
 def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
     """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
     return cosines(x, fitted, waves)
+
+
+def along(frame: int, axis: str, driver: np.ndarray, angle: float = CELLS.angle) -> Parameter:
+    """A shift, m, along an axis of a frame, or a turn, rad, about it."""
+    unit, sd = ("m", CELLS.length) if axis[0] == "t" else ("rad", angle)
+    return Parameter("", unit, (Term(frame, axis, driver),), sd)
+
+
+def tilted(c: Circumstances, axis: np.ndarray, driver: np.ndarray) -> Parameter:
+    """A turn of the base about a vector (3,) in F0, rad."""
+    return Parameter("", "rad", base_terms(c, "r", axis, driver), CELLS.angle)
 
 
 def at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
@@ -77,15 +88,9 @@ def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
     """
 
     def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
-        every = [
-            (f, a, CELLS.length if a[0] == "t" else CELLS.angle / 2) for f, of in axes.items() for a in of
-        ]
-
         def move(d: np.ndarray) -> list[Parameter]:
             driver = d * rows  # one array for all axes
-            return [
-                Parameter("", "m" if a[0] == "t" else "rad", (Term(f, a, driver),), sd) for f, a, sd in every
-            ]
+            return [along(f, axis, driver, CELLS.angle / 2) for f, of in axes.items() for axis in of]
 
         return move
 

@@ -22,6 +22,7 @@ from bayescal.gap.search.beam import Member
 from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, wide, with_own_settings
 from bayescal.gap.settings import SEARCH
 from bayescal.model.options import USUAL, FitOptions, Part
+from bayescal.statistics import grouped
 
 
 def model_name(member: Member, candidates: Candidates) -> str:
@@ -139,10 +140,8 @@ def _screen(
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
         columns, seen = slopes.columns([p for _, p in every]), unaliased([p for _, p in every], c)
-        groups: dict[Single, list[int]] = {}
-        for k, (value, q) in enumerate(every):
-            if seen[k]:
-                groups.setdefault(Single(value, q.site, q.driver), []).append(k)
+        singles = [Single(value, q.site, q.driver) for value, q in every]
+        groups = grouped((one, k) for k, one in enumerate(singles) if seen[k])
         p, sets = states[0].problem, tuple(map(np.array, groups.values()))
         bank = Bank(columns, sets, p.count, p.worth, p.jacobian)
         for state, of_state in zip(states, out, strict=True):
