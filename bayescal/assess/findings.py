@@ -189,10 +189,8 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
         yield Finding("rounded_readings", "warning", words)
     count = sum(len(b.rows) for b in fitted.model.states)
     if len(fitted.rejected) > MANY_REJECTED * count:
-        yield Finding(
-            "many_rejected", "warning",
-            f"{len(fitted.rejected)} of {count} measurements rejected as outliers: more than expected",
-        )  # fmt: skip
+        words = f"{len(fitted.rejected)} of {count} measurements rejected as outliers: more than expected"
+        yield Finding("many_rejected", "warning", words)
     uneven = [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]
     if uneven:
         yield Finding(
@@ -258,10 +256,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         if u.matters or u.hidden:
             yield Finding("not_identifiable", "warning" if u.matters else "note", u.words)
     if not model.knows_length:
-        yield Finding(
-            "no_length", "warning",
-            "no certified length among the fitted targets: the size of the arm rests on its tolerances",
-        )  # fmt: skip
+        words = "no certified length among the fitted targets: the size of the arm rests on its tolerances"
+        yield Finding("no_length", "warning", words)
     limit, widening = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
     wider = np.array([widening.get(family(p), 1.0) for p in model.parameters])
     every = zip(model.parameters, z[: len(wider)] * wider, strict=True)

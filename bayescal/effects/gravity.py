@@ -254,7 +254,7 @@ def masses(c: Circumstances) -> list[Parameter]:
 
     One that loads nothing in these rows has no terms; without any that has, there are none.
     """
-    robot, n = c.robot, c.robot.n
+    robot = c.robot
     if robot.masses is None or robot.centres_of_mass is None or c.moments is None:
         return []
     delta = None if c.stance is None else c.stance.delta
@@ -276,9 +276,7 @@ def masses(c: Circumstances) -> list[Parameter]:
         off = CENTRE_OFF + MASS_SHARE * np.abs(centre)
         weight = np.full(len(centres), mass)[:, None] * gravity
         add(f"link {i}", MASS_SHARE, about.by_mass(i, weight, centres, turn), off)
-    flange, weight = pose[:, n + 1], c.load_mass[:, None] * gravity
-    of_load = about.by_mass(n, weight, placed(flange, c.load_centre), flange[:, :3, :3])
-    add("load", LOAD_SHARE, of_load, np.full(3, LOAD_OFF))
+    add("load", LOAD_SHARE, _loads(c, c.load_mass), np.full(3, LOAD_OFF))
     return out if any(p.terms for p in out) else []
 
 

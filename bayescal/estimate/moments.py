@@ -100,12 +100,12 @@ def within_poses(h: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return out
 
 
-def of_equal_size(pose: np.ndarray) -> Iterator[np.ndarray]:
-    """Residuals (poses, k) of all poses of k residuals, for every k; about `AT_ONCE` at a time."""
+def of_equal_size(pose: np.ndarray, at_once: int = AT_ONCE) -> Iterator[np.ndarray]:
+    """Residuals (poses, k) of all poses of k residuals, for every k; about `at_once` at a time."""
     order, size = np.argsort(pose, kind="stable"), np.bincount(pose)
     first = np.cumsum(size) - size
     for k in np.unique(size):
-        begin, step = first[size == k][:, None], max(AT_ONCE // max(k, 1), 1)
+        begin, step = first[size == k][:, None], max(at_once // max(k, 1), 1)
         for start in range(0, len(begin), step):
             yield order[begin[start : start + step] + np.arange(k)]
 

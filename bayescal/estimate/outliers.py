@@ -89,11 +89,8 @@ def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0, share: f
         Of the measurements that the quantile does not exceed.
     """
     rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
-    if np.all(rows == rows[:1]):  # of most sessions: no search for the different numbers
-        usual = np.quantile(chi2 / chdtri(rows[:1], 1.0 - share), share)
-    else:
-        sizes, which = np.unique(rows, return_inverse=True)
-        usual = np.quantile(chi2 / chdtri(sizes, 1.0 - share)[which], share)
+    sizes, which = np.unique(rows, return_inverse=True)
+    usual = np.quantile(chi2 / chdtri(sizes, 1.0 - share)[which], share)
     total = float(np.sum(rows))
     spare = max(total - taken, 0.25 * total)
     return max(float(np.sqrt(usual * total / spare)), 1e-3)

@@ -141,12 +141,7 @@ class Model:
             by[ARM][:, constraint.index] = -(constraint.shift.T * self.sd[constraint.index])
         return r, by
 
-    def driven(self, frame: int, axis: str, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (P',) with a term at one axis of a frame, and its drivers (P', count)."""
-        index, drivers = self._driven(frame, (axis,), count)
-        return index, drivers[:, 0]
-
-    def _driven(self, frame: int, axes: Sequence[str], count: int) -> tuple[np.ndarray, np.ndarray]:
+    def driven(self, frame: int, axes: Sequence[str], count: int) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (P',) with terms along axes of a frame, and their drivers (P', axes, count)."""
         index, out = [], []
         for k, p in enumerate(self.parameters):
@@ -160,7 +155,7 @@ class Model:
 
     def _along(self, frame: int, axes: Sequence[str], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same with the drivers in some rows (C,) of the session."""
-        index, drivers = self._driven(frame, axes, len(self.scene.q))
+        index, drivers = self.driven(frame, axes, len(self.scene.q))
         return index, np.take(drivers, rows, axis=-1)
 
     def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:
@@ -184,8 +179,8 @@ class Model:
         name, kind = scene.dataset.targets[target].name, scene.kind(target, rows)
         plain = name, scene.group(target), rows, self.motion(rows), kind, scene.sigma(rows)
         if not scene.declared[target].posed:
-            index, drivers = self.driven(CONTACT, "normal", len(scene.q))
-            return Block(*plain, index, drivers[:, rows])
+            index, drivers = self._along(CONTACT, ("normal",), rows)
+            return Block(*plain, index, drivers[:, 0])
         turned, image = self._along(TURN, TURNS, rows), self._along(IMAGE, ("u", "v"), rows)
         return Posed(*plain, *none, scene.tool_frames[rows], *turned, *image)
 
@@ -263,18 +258,14 @@ def _constraint(
         if certified is None:
             return None
         of, names = certified
-        index, drivers = model.driven(CERTIFICATE, str(number), len(of.whiten))
-        function = certified_points(of, [kinds[name] for name in names])
-        return Constraint(entry.kind, names, number, function, np.ones(len(of.whiten)), index, drivers)
-    if any(name not in kinds for name in entry.targets):
-        return None
-    stated = model.scene.stated(entry)
-    if not stated:
-        return None
-    function = _function(model.scene, entry, [kinds[name] for name in entry.targets])
-    u = u_of(entry, stated)
-    index, drivers = model.driven(CERTIFICATE, str(number), len(u))
-    return Constraint(entry.kind, entry.targets, number, function, u, index, drivers / u)
+        function, u = certified_points(of, [kinds[name] for name in names]), np.ones(len(of.whiten))
+    else:
+        names, stated = entry.targets, model.scene.stated(entry)
+        if not stated or any(name not in kinds for name in names):
+            return None
+        function, u = _function(model.scene, entry, [kinds[name] for name in names]), u_of(entry, stated)
+    index, drivers = model.driven(CERTIFICATE, (str(number),), len(u))
+    return Constraint(entry.kind, names, number, function, u, index, drivers[:, 0] / u)
 
 
 def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> certificate.Certificate:

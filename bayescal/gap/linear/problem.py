@@ -21,6 +21,7 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, IMAGE, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
 from bayescal.estimate import Estimate, linearise
+from bayescal.estimate.moments import of_equal_size
 from bayescal.estimate.outliers import limit
 from bayescal.model import ARM, with_parameters
 from bayescal.model.model import length_blocks, main_group
@@ -72,9 +73,7 @@ class Problem:
     @cached_property
     def by_size(self) -> list[np.ndarray]:
         """Residuals (C, k) of the contacts of k rows, for every k."""
-        order, size = np.argsort(self.contact, kind="stable"), np.bincount(self.contact)
-        first = np.cumsum(size) - size
-        return [order[first[size == k][:, None] + np.arange(k)] for k in np.unique(size)]
+        return list(of_equal_size(self.contact, self.count))
 
     @cached_property
     def gross(self) -> np.ndarray:

@@ -251,12 +251,10 @@ def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[Bin]:
 
 def residuals_in_time(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of the session in the order of time, and residuals before and after at each, m."""
-    rows, old, new = [], [], []
-    for a, b in zip(length_blocks(before.model), length_blocks(after.model), strict=True):
-        rows.append(np.tile(a.rows, a.kind.rows))
-        old.append(before.residuals(a).ravel())
-        new.append(after.residuals(b).ravel())
-    session_rows = np.concatenate(rows)
+    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in length_blocks(before.model)])
+    old, new = (
+        np.concatenate([e.residuals(b).ravel() for b in length_blocks(e.model)]) for e in (before, after)
+    )
     m = before.model.scene.dataset.measurements
-    order = np.lexsort((session_rows, session_rows if m.time is None else m.time[session_rows]))
-    return session_rows[order], np.concatenate(old)[order], np.concatenate(new)[order]
+    order = np.lexsort((rows, rows if m.time is None else m.time[rows]))
+    return rows[order], old[order], new[order]
