@@ -179,8 +179,8 @@ class Model:
         name, kind = scene.dataset.targets[target].name, scene.kind(target, rows)
         plain = name, scene.group(target), rows, self.motion(rows), kind, scene.sigma(rows)
         if not scene.declared[target].posed:
-            index, drivers = self._along(CONTACT, ("normal",), rows)
-            return Block(*plain, index, drivers[:, 0])
+            index, drivers = self.driven(CONTACT, ("normal",), len(scene.q))
+            return Block(*plain, index, drivers[:, 0][:, rows])
         turned, image = self._along(TURN, TURNS, rows), self._along(IMAGE, ("u", "v"), rows)
         return Posed(*plain, *none, scene.tool_frames[rows], *turned, *image)
 

@@ -159,6 +159,7 @@ class Projected:
     """
 
     state: State
+    pool: np.ndarray  # (R, K)
     weighted: np.ndarray  # (R, K)
     across: np.ndarray  # (D, K)
     solved: np.ndarray  # (D, K) covariance times across
@@ -180,7 +181,7 @@ def project(state: State, pool: np.ndarray) -> Projected:
     across = design.T @ weighted
     # at the optimum the gradient of the state's parameters is zero: the projected score is X'r
     score = -(weighted.T @ (state.residual * whiten))
-    return Projected(state, weighted, across, state.covariance @ across, score)
+    return Projected(state, pool, weighted, across, state.covariance @ across, score)
 
 
 @dataclass(frozen=True)
