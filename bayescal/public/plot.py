@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.posterior.inference import CHAINS, chains_figure
 from bayescal.public.results import FitResult
+from bayescal.reporting.figures.estimates import label, weakest
 from bayescal.reporting.figures.figures import draw, drawn, posterior_content
-from bayescal.reporting.figures.parameters import label, weakest
-from bayescal.reporting.fit.posterior import variable
+from bayescal.reporting.fit.files import variable
 from bayescal.storage.reading import read_json
 
 if TYPE_CHECKING:

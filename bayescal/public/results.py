@@ -187,14 +187,14 @@ class FitResult(Draws, Positioned):
         return write_fit(self._new(), Path(folder), self.record, pictures)
 
     def _posterior(self) -> Record:
-        from bayescal.reporting.fit.posterior import fit_draws
+        from bayescal.reporting.fit.files import fit_draws
 
         return fit_draws(self._new())
 
     def draws(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Draws (chains, draws) of parameters in the units of the record."""
         from bayescal.posterior.inference import read_draws
-        from bayescal.reporting.fit.posterior import parameter_draws, variable
+        from bayescal.reporting.fit.files import parameter_draws, variable
 
         if self.data is not None:
             return parameter_draws(self.data)

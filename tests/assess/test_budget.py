@@ -28,7 +28,7 @@ from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.where import budget_panel
-from bayescal.reporting.fit.budget import budget_table, measurand_record
+from bayescal.reporting.fit.files import budget_table, measurand_record
 from bayescal.simulation import Options, simulate
 
 MODEL = ("geometry", "compliance")

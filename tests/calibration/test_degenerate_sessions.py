@@ -30,7 +30,7 @@ from bayescal.methods import compare
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.forecast import SMALLEST, elsewhere, joint_range, point_slopes
-from bayescal.reporting.fit.budget import budget_table, measurand_record
+from bayescal.reporting.fit.files import budget_table, measurand_record
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap

@@ -9,7 +9,7 @@ from arviz_line import arviz_ess, arviz_rhat, az
 from sessions import with_columns
 
 import bayescal.calibration as calibration
-import bayescal.reporting.fit.posterior as fit_posterior
+import bayescal.reporting.fit.files as fit_posterior
 from bayescal.calibration import fit
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
@@ -23,7 +23,7 @@ from bayescal.posterior.checkpoint import Evolution, Independence
 from bayescal.posterior.inference import Record, arviz, inference_data, load, save
 from bayescal.posterior.linearised import Linearised
 from bayescal.posterior.sample import convergence, sample
-from bayescal.reporting.fit.posterior import fit_draws
+from bayescal.reporting.fit.files import fit_draws
 from bayescal.simulation import Options, simulate
 
 

@@ -20,10 +20,10 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
-from bayescal.reporting.figures import distances, parameters, process, residuals, where
+from bayescal.reporting.figures import estimates, process, residuals, where
+from bayescal.reporting.figures.estimates import BINS, weakest
 from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, figures_of, png
-from bayescal.reporting.figures.parameters import BINS, weakest
-from bayescal.reporting.fit.posterior import parameter_draws
+from bayescal.reporting.fit.files import parameter_draws
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.shared.origin import rows_record
 from bayescal.reporting.shared.style import FAINT, INK, MARKED, NOISE, SERIES
@@ -109,7 +109,7 @@ def test_no_text_overlaps_or_is_cut_off(fit, sessions, width):
     faults = []
     for case, record in records.items():
         for name, of in CONTENT.items():
-            checked = {"distances": distances.measured(record), "levels": distances.levelled(record)}
+            checked = {"distances": estimates.validated(record), "levels": estimates.levelled(record)}
             if record["schema"] in of and checked.get(name, True):
                 over, outside = clashes(draw(name, record, width))
                 faults += [(case, name, pair) for pair in over] + [(case, name, text) for text in outside]
@@ -172,9 +172,9 @@ def test_distances_are_those_of_the_record(fit):
     outside = [d | {"inside95": False} for d in own[:1]]
     record = fit | {"validation": fit["validation"] | {"distances": [*outside, *own[1:]]}}
     axes = draw("distances", record).axes[0]
-    inside = marks(axes, distances.INSIDE)[:, 0]
+    inside = marks(axes, estimates.INSIDE)[:, 0]
     assert sorted(inside) == pytest.approx(sorted(d["calibrated_error_um"] for d in own[1:]))
-    assert marks(axes, distances.OUTSIDE)[:, 0] == pytest.approx([own[0]["calibrated_error_um"]])
+    assert marks(axes, estimates.OUTSIDE)[:, 0] == pytest.approx([own[0]["calibrated_error_um"]])
     drawn = [c.get_segments() for c in axes.collections if to_hex(c.get_color()[0]) == FAINT]
     ends = {tuple(np.round([a[0], b[0]], 9)) for a, b in drawn[0]}
     assert ends == {tuple(np.round(d["predicted_interval95_um"], 9)) for d in own}
@@ -184,8 +184,8 @@ def test_a_reduction_is_that_of_the_record(sessions):
     record = sessions["named"]
     axes = draw("distances", record).axes[0]
     own = list(record["lengths"]["shrinkage"].values())
-    assert marks(axes, distances.BEFORE)[:, 0] == pytest.approx([s["before_rms_um"] for s in own])
-    assert marks(axes, distances.AFTER)[:, 0] == pytest.approx([s["after_rms_um"] for s in own])
+    assert marks(axes, estimates.BEFORE)[:, 0] == pytest.approx([s["before_rms_um"] for s in own])
+    assert marks(axes, estimates.AFTER)[:, 0] == pytest.approx([s["after_rms_um"] for s in own])
 
 
 def test_each_row_of_a_fit_is_one_mark_at_its_residual(fit):
@@ -327,12 +327,12 @@ def test_the_displacement_is_the_least_squares_fit_of_its_bin():
 
 def test_parameters_are_scaled_by_their_priors(fit):
     p = fit["parameters"][0]
-    low, high, at = parameters.scaled(p)
+    low, high, at = estimates.scaled(p)
     assert at * p["prior_sd"] + p["prior_mean"] == pytest.approx(p["estimate"])
     assert low < at < high
     axes = draw("parameters", fit).axes
-    drawn = np.concatenate([marks(a, style) for a in axes for _, style in parameters.STYLES.values()])
-    own = [parameters.scaled(p)[2] for p in fit["parameters"] if p["effect"] != "target"]
+    drawn = np.concatenate([marks(a, style) for a in axes for _, style in estimates.STYLES.values()])
+    own = [estimates.scaled(p)[2] for p in fit["parameters"] if p["effect"] != "target"]
     assert sorted(drawn[:, 0]) == pytest.approx(sorted(own))
 
 
@@ -357,9 +357,9 @@ def test_the_band_of_a_prior_is_two_of_its_standard_deviations(fit):
     axes = draw("parameters", fit).axes
     ends, heights = segments(axes, NOISE)
     np.testing.assert_allclose(ends, np.tile([-2.0, 2.0], (len(own), 1)))
-    drawn = np.concatenate([marks(a, style) for a in axes for _, style in parameters.STYLES.values()])
+    drawn = np.concatenate([marks(a, style) for a in axes for _, style in estimates.STYLES.values()])
     assert sorted(heights) == pytest.approx(sorted(drawn[:, 1]))
-    colours = {style.get("color", style.get("markeredgecolor")) for _, style in parameters.STYLES.values()}
+    colours = {style.get("color", style.get("markeredgecolor")) for _, style in estimates.STYLES.values()}
     intervals = np.concatenate(
         [segments(axes, c)[0] for c in colours if any(len(marks(a, {"color": c, "marker": m}))
          for a in axes for m in "osD")]
@@ -525,8 +525,8 @@ def test_distances_that_are_shown_have_the_largest_errors_of_either_sign():
         }  # fmt: skip
 
     axes = Figure().subplots()
-    distances.distances_panel(
-        {"validation": {"distances": [distance(k) for k in range(distances.MOST + 8)]}}
+    estimates.distances_panel(
+        {"validation": {"distances": [distance(k) for k in range(estimates.MOST + 8)]}}
     ).draw(axes)
     said = " ".join(text.get_text() for text in axes.texts)
-    assert [k for k in range(distances.MOST + 8) if f"t{k}." in said] == list(range(8, distances.MOST + 8))
+    assert [k for k in range(estimates.MOST + 8) if f"t{k}." in said] == list(range(8, estimates.MOST + 8))

@@ -10,7 +10,7 @@ from influences import check_written, unseen
 
 from bayescal.reporting import check, comparison, fleet_record, watch
 from bayescal.reporting.gap.sheets import table_of_contacts
-from bayescal.reporting.page import compare, motion
+from bayescal.reporting.page import build, motion
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.origin import hand_eye_lines
 from bayescal.watching.update import Contact
@@ -34,12 +34,12 @@ def test_runs_side_by_side_have_their_own_numbers():
     said = {"count": 3, "predicted_rms_um": 21.0, "expanded_U_um": 42.0, "measured_rms_um": 17.0}
     values = {"a2": (300.5, 0.03), "d4": (80.25, 0.01)}, {"a2": (300.8, 0.04), "d4": (80.0, 0.5)}
     runs = run("one", (12.0, -31.0, 5.0), values[0], **said), run("two", (-7.0, 9.0), values[1], **said)
-    (table,) = compare.distances(runs).context["blocks"]
+    (table,) = build.distances(runs).context["blocks"]
     cells = {c.heading: [c.cell(item) for item in table.items] for c in table.columns}
     assert [float(x) for x in cells["maximum (µm)"]] == [31.0, 9.0]
     for heading, key in (("U = k u (µm)", "expanded_U_um"), ("expected RMS (µm)", "predicted_rms_um")):
         assert [float(x) for x in cells[heading]] == [said[key]] * 2
-    (table,) = compare.parameters(runs).context["blocks"]
+    (table,) = build.parameters(runs).context["blocks"]
     for row in table.rows:
         (first, u_first), (second, u_second) = (of[row[0].split()[0]] for of in values)
         *_, difference, ratio = row

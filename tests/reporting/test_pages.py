@@ -25,12 +25,11 @@ from bayescal.gap.result import OTHER
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.page import build, compare, motion
+from bayescal.reporting.page import build, motion
 from bayescal.reporting.page import section as render
-from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.section import FIGURES, STILL, Run, _png, read_run
-from bayescal.reporting.page.svg import ticks
+from bayescal.reporting.page.svg import draw_arm, marked_sites, ticks
 from bayescal.reporting.shared.body import arm_drawing, posed
 from bayescal.reporting.shared.origin import rows_record
 from bayescal.reporting.shared.text import length
@@ -302,9 +301,9 @@ def test_runs_without_certified_centres_are_compared_too(found):
     diagnosis["lengths"] |= {"of": "validation points"}
     diagnosis["ladder"] = [{"model": ["geometry"], "heldout_rms_um": 15.3, "point_length_rms_um": 26.6}]
     runs = [Run("fit", record, "a"), Run("gap", diagnosis, "b")]
-    (table,) = compare.distances(runs).context["blocks"]
+    (table,) = build.distances(runs).context["blocks"]
     assert table.rows[0][1:] == ("readings of the instrument", "22", "44", "20.1", "-", "720")
-    (table,) = compare.levels(runs).context["blocks"]
+    (table,) = build.levels(runs).context["blocks"]
     assert table.headings == ("points, 1", "points, 2")
     assert table.rows == (("geometry", "26.5", "26.6"),)  # 15.3 is per coordinate
 
@@ -508,7 +507,7 @@ def test_effects_of_several_runs_are_in_the_order_of_their_largest_probability()
             ("y", {"backlash": 0.1, "lobing": None, "bending": 0.5, "payload": 0.002}),
         )
     ]
-    text = str(compare.effects(runs))
+    text = str(build.effects(runs))
     places = [text.index(name) for name in ("backlash", "bending", "lobing")]
     assert places == sorted(places)
     assert "payload" not in text

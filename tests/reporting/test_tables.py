@@ -19,7 +19,7 @@ from bayescal.planning.result import Detectable
 from bayescal.reporting.check import joint_sheet
 from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
-from bayescal.reporting.fit.posterior import _labels
+from bayescal.reporting.fit.files import _labels
 from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
 from bayescal.reporting.fleet_report import parameters
 from bayescal.reporting.gap.phrases import headline

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.reporting.figures import distances, parameters, residuals, where
-from bayescal.reporting.figures.parameters import Draws
+from bayescal.reporting.figures import estimates, residuals, where
+from bayescal.reporting.figures.estimates import Draws
 from bayescal.reporting.figures.sheet import WIDTH, Panel, into, sheet
 from bayescal.reporting.shared.style import DPI, drawing
 from bayescal.reporting.shared.text import model_label
@@ -56,15 +56,15 @@ def _residuals_gap(record: Json) -> Content:
 
 
 def _distances(record: Json) -> Content:
-    first = distances.distances_panel(record) if record["schema"] == FIT else None
-    panels = [p for p in (first, distances.reduction_panel(record)) if p is not None]
+    first = estimates.distances_panel(record) if record["schema"] == FIT else None
+    panels = [p for p in (first, estimates.reduction_panel(record)) if p is not None]
     _validated(record, bool(panels))
     return ["Validation: errors before and after"], [[p] for p in panels]
 
 
 def _levels(record: Json) -> Content:
-    _validated(record, distances.levelled(record))
-    return ["Validation error of the model levels"], [[distances.levels_panel(record)]]
+    _validated(record, estimates.levelled(record))
+    return ["Validation error of the model levels"], [[estimates.levels_panel(record)]]
 
 
 def _validated(record: Json, some: bool) -> None:
@@ -80,11 +80,11 @@ def _arm(record: Json) -> Content:
 
 def _parameters(record: Json) -> Content:
     _fitted(record)
-    return ["Parameters: estimate against prior"], [parameters.parameter_panels(record)]
+    return ["Parameters: estimate against prior"], [estimates.parameter_panels(record)]
 
 
 def _fitted(record: Json) -> None:
-    if not parameters.of_arm(record):
+    if not estimates.of_arm(record):
         raise BayescalError("no parameter of the arm was fitted", str(record["dataset"]["name"]), "fit one")
 
 
@@ -92,7 +92,7 @@ def posterior_content(record: Json, draws: Draws, names: Sequence[str] = ()) -> 
     """Title and panels of the posterior; without names of the parameters about which the data say least."""
     _fitted(record)
     title = "Posterior distributions" if names else "Posterior of the parameters with the weakest data"
-    return [title], parameters.posterior_rows(record, draws, names)
+    return [title], estimates.posterior_rows(record, draws, names)
 
 
 CONTENT: dict[str, dict[str, Callable[[Json], Content]]] = {
@@ -174,8 +174,8 @@ def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
     """
     files = FILES[record["schema"]].items()
     # there may be no validation measurement, and no parameter
-    checked = {"distances": distances.measured(record), "levels": distances.levelled(record)}
-    checked["parameters"] = some = record["schema"] == FIT and bool(parameters.of_arm(record))
+    checked = {"distances": estimates.validated(record), "levels": estimates.levelled(record)}
+    checked["parameters"] = some = record["schema"] == FIT and bool(estimates.of_arm(record))
     drawable = {file: content(name, record) for file, name in files if checked.get(name, True)}
     if draws and some:
         drawable["fit-posterior.png"] = posterior_content(record, draws)

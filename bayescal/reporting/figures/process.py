@@ -17,7 +17,7 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bayescal.reporting.figures.parameters import Draws
+    from bayescal.reporting.figures.estimates import Draws
     from bayescal.storage.reading import Json
 
 Figures = dict[str, bytes]

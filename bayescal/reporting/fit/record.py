@@ -25,8 +25,7 @@ from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
 from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, RowCheck
 from bayescal.reporting.figures.process import begun
-from bayescal.reporting.fit.budget import budget_csv, budget_record
-from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
+from bayescal.reporting.fit.files import budget_csv, budget_record, fit_draws, parameter_draws
 from bayescal.reporting.fit.sheets import agreement_record, disagreement
 from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import section, svg
-from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers
+from bayescal.reporting.page.svg import draw_arm, marked_sites, numbers
 from bayescal.reporting.shared.body import joints_of, typical
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.shared.text import MISSING, length, share, two_digits

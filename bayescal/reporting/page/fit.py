@@ -12,7 +12,7 @@ from markupsafe import Markup
 from bayescal.effects import named
 from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted.gate import STEPS
-from bayescal.reporting.figures.distances import levelled
+from bayescal.reporting.figures.estimates import levelled
 from bayescal.reporting.fit import sheets
 from bayescal.reporting.page import common, svg
 from bayescal.reporting.page.section import (

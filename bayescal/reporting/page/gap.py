@@ -10,8 +10,8 @@ from bayescal.gap.result import OTHER, VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
 from bayescal.reporting.gap.phrases import LIKELY
 from bayescal.reporting.page import common
-from bayescal.reporting.page.arm import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, blocks, texts
+from bayescal.reporting.page.svg import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.reporting.shared.text import (
