@@ -32,6 +32,10 @@ MOST = 8
 """Largest number of items in a class."""
 OF_ARM = ("arm", "effect", "unknown")
 """Kinds of items of the arm; others are of its surroundings: base, targets, tool."""
+REMOUNTED = "the tools were remounted: the tool of each session is its own, and its change is not judged"
+SCATTERED = "many of its measurements are outliers; whether it moved in between is not judged"
+NOT_PLACED = "no target is in two sessions: the base is not compared, nor the zero of the first joint"
+"""Warnings."""
 
 
 @dataclass(frozen=True)
@@ -152,19 +156,11 @@ def changed(
         shifts = tuple(replace(s, shift=None if s.shift is None else -s.shift) for s in shifts)
         noise, of_stops = noise[::-1], of_stops[::-1]
     of_time = every[0][0].evidence.joint.dataset
-    warnings = []
-    if remounted:
-        warnings.append(
-            "the tools were remounted: the tool of each session is its own, and its change is not judged"
-        )
-    warnings += [
-        f"target {name}: many of its measurements are outliers; whether it moved in between is not judged"
-        for name in sorted(joint.scattered)
-    ]
-    if not joint.placed:
-        warnings.append(
-            "no target is in two sessions: the base is not compared, nor the zero of the first joint"
-        )
+    warnings = (
+        *((REMOUNTED,) if remounted else ()),
+        *(f"target {name}: {SCATTERED}" for name in sorted(joint.scattered)),
+        *(() if joint.placed else (NOT_PLACED,)),
+    )
     return Changed(
         of_time,
         effects,
@@ -181,7 +177,7 @@ def changed(
         tuple(of_stops),
         _errors(sets),
         joint.placed,
-        tuple(warnings),
+        warnings,
     )
 
 

@@ -11,17 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public import motions
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.motions import (
-    MotionFitResult,
-    MotionGapResult,
-    MotionPlanResult,
-    TogetherResult,
-    log_of,
-    plan_log,
-    refuse,
-)
 from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
 from bayescal.storage.reading import Json, run_record
 from bayescal.storage.stopping import Progress, silent
@@ -152,13 +144,12 @@ class PlanResult(Result):
         return f"<plan of {self.record['dataset']['name']}: {self.record['contacts']} contacts{size}>"
 
 
-Loaded = (
-    FitResult | GapResult | PlanResult | MotionFitResult | MotionGapResult | MotionPlanResult | TogetherResult
-)
+OfLog = motions.MotionFitResult | motions.MotionGapResult | motions.MotionPlanResult
+Loaded = FitResult | GapResult | PlanResult | OfLog | motions.TogetherResult
 RESULTS: dict[str, tuple[type[Loaded], type[Loaded]]] = {
-    "fit": (FitResult, MotionFitResult),
-    "gap": (GapResult, MotionGapResult),
-    "plan": (PlanResult, MotionPlanResult),
+    "fit": (FitResult, motions.MotionFitResult),
+    "gap": (GapResult, motions.MotionGapResult),
+    "plan": (PlanResult, motions.MotionPlanResult),
 }
 """Class of a result of contacts and of a log, by the command that wrote its run folder."""
 
@@ -195,7 +186,7 @@ def load(run: str | PathLike[str]) -> Loaded:
     folder = Path(run)
     kind, content = run_record(folder, *RESULTS)
     of_contacts, of_log = RESULTS[kind]
-    kinds: dict[Any, type[Loaded]] = dict.fromkeys(MOTION, of_log) | {TOGETHER: TogetherResult}
+    kinds: dict[Any, type[Loaded]] = dict.fromkeys(MOTION, of_log) | {TOGETHER: motions.TogetherResult}
     return kinds.get(content.get("unit"), of_contacts)(folder=folder, content=content)
 
 
@@ -214,7 +205,7 @@ def plan(
     to: Sequence[str] | str = (),
     allow_xacro: bool = False,
     progress: Progress = silent,
-) -> PlanResult | MotionPlanResult:
+) -> PlanResult | motions.MotionPlanResult:
     """Choose the contacts to measure, and predict the uncertainty that they give; of a joint log, motions.
 
     Parameters
@@ -277,13 +268,13 @@ def plan(
     from bayescal.planning.plan import plan as run
     from bayescal.programs.probing import formats_of
 
-    if (folder := log_of(setup)) is not None:
-        refuse(
+    if (folder := motions.log_of(setup)) is not None:
+        motions.refuse(
             "the plan of a joint log", plan, contacts=contacts, model=names(model), after=after, order=order,
             seed=seed, levers=tuple(names(levers)), validation=validation, candidates=candidates,
             allow_xacro=allow_xacro, purpose=purpose,
         )  # fmt: skip
-        return plan_log(folder)
+        return motions.plan_log(folder)
     where, open_ = _setup(setup, after, allow_xacro)
     for form in formats_of(names(to)):
         form.moves(where.dataset.robot)

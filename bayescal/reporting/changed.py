@@ -18,21 +18,9 @@ from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, page, texts
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import entry, filed, origin, plain
-from bayescal.reporting.shared.sheet import Column, Sheet, below, screen
-from bayescal.reporting.shared.text import (
-    UM,
-    Facts,
-    as_precise,
-    length,
-    listed,
-    model_label,
-    percent,
-    probability,
-    two_digits,
-    under,
-    with_u,
-)
+from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, screen
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
@@ -92,7 +80,8 @@ def _pose(x: Shift) -> dict[str, Any]:
     sizes: Sequence[float | None] = [None] * len(POSE)
     if x.shift is not None and x.covariance is not None:
         u = float(np.sqrt(np.trace(x.covariance)))
-        sizes = [*(UM * x.shift).tolist(), UM * float(np.linalg.norm(x.shift)), COVERAGE * UM * u]
+        length = text.UM * float(np.linalg.norm(x.shift))
+        sizes = [*(text.UM * x.shift).tolist(), length, COVERAGE * text.UM * u]
     return {"target": x.where, **dict(zip(POSE, sizes, strict=True)), "reason": x.reason}
 
 
@@ -137,7 +126,7 @@ def sized(entries: Sequence[Json]) -> str:
     if len(entries) > 1:
         size = float(np.linalg.norm(values[:, 0]))
         u = float(np.linalg.norm(values[:, 0] * values[:, 1])) / max(size, np.finfo(float).tiny)
-    return f"{with_u(size, u)} {unit}".rstrip()
+    return f"{text.with_u(size, u)} {unit}".rstrip()
 
 
 OTHER_ARM = 9
@@ -146,17 +135,17 @@ OTHER_ARM = 9
 
 def words(record: Json) -> list[str]:
     """The conclusion in sentences, the verdict first."""
-    same = percent(record["probability"]["same"])
+    same = text.percent(record["probability"]["same"])
     stated = by_item([x for x in record["items"] if x["stated"]])
     open_ = by_item([x for x in record["items"] if not x["stated"]])
     out = []
     if record["verdict"] == "same":
         out.append(f"No change was found. That nothing changed has a probability of {same}.")
     elif record["verdict"] == "ambiguous":
-        names = [f"{named(x[0])} ({percent(x[0]['probability'])})" for x in (*stated, *open_)[:MOST]]
+        names = [f"{named(x[0])} ({text.percent(x[0]['probability'])})" for x in (*stated, *open_)[:MOST]]
         out.append(
             f"Not decided. That nothing changed has a probability of {same}."
-            + (f" Possible: {listed(names, 'or')}." if names else "")
+            + (f" Possible: {text.listed(names, 'or')}." if names else "")
         )
     else:
         groups = dict.fromkeys(tuple(sorted(e[0]["class"])) or (e[0]["item"],) for e in stated)
@@ -164,23 +153,22 @@ def words(record: Json) -> list[str]:
             members = [e for e in stated if e[0]["item"] in group]
             sizes, x = [f"{named(e[0])} by {sized(e)}" for e in members], members[0][0]
             when = since(x["sessions"], record["sessions"])
+            what = f"{sizes[0]} (probability {text.percent(x['probability'])})"
             if len(members) > 1:
-                out.append(f"Changed {when}: {listed(sizes, 'or')}; these sessions do not tell which.")
-            else:
-                out.append(f"Changed {when}: {sizes[0]} (probability {percent(x['probability'])}).")
+                what = f"{text.listed(sizes, 'or')}; these sessions do not tell which"
+            out.append(f"Changed {when}: {what}.")
         if more := len(out) - MOST:
             out = [*out[:MOST], f"{more} more, in the table."] if more > 1 else out
         if len(groups) >= OTHER_ARM:
             out.append("So much differs that these may be different arms.")
         if all(x[0]["kind"] == "setup" for x in stated):
-            out.append(
-                f"The arm itself did not change (probability {percent(record['probability']['arm_same'])})."
-                if record["arm"] == "same"
-                else "Whether the arm itself changed is not decided."
-            )
+            p = text.percent(record["probability"]["arm_same"])
+            certain = f"The arm itself did not change (probability {p})."
+            undecided = "Whether the arm itself changed is not decided."
+            out.append(certain if record["arm"] == "same" else undecided)
     moves = record["distances"]
     if moves and record["verdict"] != "same":
-        rms, largest = f"{with_u(moves['rms_um'], moves['u_rms_um'])} µm", abs(moves["largest_um"])
+        rms, largest = f"{text.with_u(moves['rms_um'], moves['u_rms_um'])} µm", abs(moves["largest_um"])
         out.append(
             f"Distances between the poses of these sessions change by {rms} RMS, at most {largest:.0f} µm."
         )
@@ -201,16 +189,12 @@ def found_from(record: Json) -> list[str]:
             ends = dict.fromkeys(f"{f(x['tcp_um'] for x in seen):.0f}" for f in (min, max))
             parts.append(f"{label} {' to '.join(ends)} µm")
     said = {x["parameter"] for x in record["items"] if x["stated"]}
-    unseen = [
-        x["parameter"]
-        for group in detectable_kinds(record).values()
-        for x in group
-        if x["value"] is None and x["parameter"] not in said
-    ]
+    every = [x for group in detectable_kinds(record).values() for x in group]
+    unseen = [x["parameter"] for x in every if x["value"] is None and x["parameter"] not in said]
     out = [f"A change would have been found (9 times in 10) if it moved the TCP by: {'; '.join(parts)}."]
     if unseen:
         shown = [*unseen[:MOST], *(["others"] if unseen[MOST:] else [])]
-        out.append(f"Not visible in these sessions: {listed(shown)}.")
+        out.append(f"Not visible in these sessions: {text.listed(shown)}.")
     return out if parts else out[1:]
 
 
@@ -219,9 +203,8 @@ def detectable_kinds(record: Json) -> dict[str, list[Json]]:
     out: dict[str, list[Json]] = {}
     for x in record["detectable"]:
         if x["effect"] in record["model"] or x["site"] == "tool" or x["item"].startswith("theta"):
-            kind = {"deg": "joint zeros" if x["site"].startswith("joint") else "twists", "mm": "lengths"}.get(
-                x["unit"], x["effect"]
-            )
+            angle = "joint zeros" if x["site"].startswith("joint") else "twists"
+            kind = {"deg": angle, "mm": "lengths"}.get(x["unit"], x["effect"])
             out.setdefault("tool" if x["site"] == "tool" else kind, []).append(x)
     return out
 
@@ -243,16 +226,17 @@ CELLS = (
 
 def absolute(x: Json, key: str) -> str | None:
     """A value of an item with as many decimals as its difference; None where only the difference is known."""
-    value = x[key]
-    return value if value is None else f"{with_u(value, x['U']).partition('(')[0]} {unit_label(x['unit'])}"
+    if x[key] is None:
+        return None
+    return f"{text.with_u(x[key], x['U']).partition('(')[0]} {unit_label(x['unit'])}"
 
 
 def difference(x: Json) -> str:
     """The difference of an entry with its expanded uncertainty, two digits of it and as many of the value."""
     value, u, unit = small(x)
-    number = with_u(value, 2.0 * u).partition("(")[0]
+    number = text.with_u(value, 2.0 * u).partition("(")[0]
     sign = "+" * (value > 0 and float(number) != 0)
-    return f"{sign}{number} ± {as_precise(float(f'{2.0 * u:.2g}'), number)} {unit}".rstrip()
+    return f"{sign}{number} ± {text.as_precise(float(f'{2.0 * u:.2g}'), number)} {unit}".rstrip()
 
 
 def entry_name(x: Json, several: Mapping[str, int]) -> str:
@@ -272,7 +256,7 @@ def items_sheet(record: Json, stated: bool = True) -> Sheet:
         Column("before", lambda x: absolute(x, "before")),
         Column("after", lambda x: absolute(x, "after")),
         Column("difference ± U", difference),
-        Column("P", "probability", probability),
+        Column("P", "probability", text.probability),
     )
     return Sheet(columns, items, "U: expanded uncertainty, k = 2; P: probability")
 
@@ -280,7 +264,7 @@ def items_sheet(record: Json, stated: bool = True) -> Sheet:
 def least(x: Json) -> str | None:
     """The smallest change in a unit for print; None where none would have been found."""
     unit, factor = SMALL.get(x["unit"], (unit_label(x["unit"]), 1.0))
-    return None if x["value"] is None else f"{two_digits(factor * x['value'])} {unit}".rstrip()
+    return None if x["value"] is None else f"{text.two_digits(factor * x['value'])} {unit}".rstrip()
 
 
 def detectable_sheet(record: Json) -> Sheet:
@@ -291,7 +275,7 @@ def detectable_sheet(record: Json) -> Sheet:
         Column("parameter", "parameter"),
         Column("site", "site", words=True),
         Column("smallest change", least),
-        Column("TCP (µm RMS)", "tcp_um", length),
+        Column("TCP (µm RMS)", "tcp_um", text.length),
     )
     caption = "Found with a probability of 90 %. Without a value: not visible in these sessions."
     return Sheet(columns, items, caption, 12)
@@ -301,26 +285,26 @@ def poses_sheet(record: Json) -> Sheet:
     """Displacements at given poses."""
     columns = (
         Column("target", "target"),
-        *(Column(f"{a} (µm)", f"d{a}_um", length) for a in "xyz"),
-        Column("length (µm)", "length_um", length),
-        Column("U (µm)", "U_um", length),
+        *(Column(f"{a} (µm)", f"d{a}_um", text.length) for a in "xyz"),
+        Column("length (µm)", "length_um", text.length),
+        Column("U (µm)", "U_um", text.length),
         Column("note", "reason", words=True),
     )
     caption = "Displacement of the TCP in F0 since the first session, without that of the base."
     return Sheet(columns, record["poses"], caption)
 
 
-def _basis(record: Json) -> Facts:
+def _basis(record: Json) -> text.Facts:
     noise = ", ".join(f"{x:.2f}" for x in record["noise_factor"])
     others = {named(x): x["probability"] for x in record["items"] if not x["stated"]}
     if others and record["verdict"] != "same":
-        yield "also possible", ", ".join(f"{name} ({percent(p)})" for name, p in others.items()), ""
+        yield "also possible", ", ".join(f"{name} ({text.percent(p)})" for name, p in others.items()), ""
     yield "noise", f"{noise} times the stated noise", ""
     if max(record["stop_error_factor"]) >= 1.0:
-        shared = listed(f"{x:.1f}" for x in record["stop_error_factor"])
+        shared = text.listed(f"{x:.1f}" for x in record["stop_error_factor"])
         yield "stops", f"measurements of one stop share an error of {shared} times this noise", ""
     if record["model_errors"]:
-        names = listed(x["effect"] for x in record["model_errors"])
+        names = text.listed(x["effect"] for x in record["model_errors"])
         yield "model errors", f"of all sessions alike, not a change: {names} (bayescal gap judges them)", ""
     count = len(record["targets_compared"])
     yield "compared", f"{count or 'no'} target{'s' * (count != 1)} of the same name and description", ""
@@ -329,10 +313,8 @@ def _basis(record: Json) -> Facts:
 def changed_summary(record: Json) -> RenderableType:
     """The conclusion, then values, then what would have been found."""
     first, *others = record["words"]
-    title = Words.assemble(
-        (" -> ".join(record["sessions"]), "bold"), f"  {record['robot']}  {model_label(record['model'])}"
-    )
-    basis = [*_basis(record), *under("warning", record["warnings"], "yellow")]
+    title = headed(" -> ".join(record["sessions"]), record["robot"], text.model_label(record["model"]))
+    basis = [*_basis(record), *text.under("warning", record["warnings"], "yellow")]
     return screen(
         *(title, "", Words(first, STYLES[record["verdict"]]), *map(Words, others)),
         *(*below(items_sheet(record)), *below(poses_sheet(record)), "", basis),
@@ -342,10 +324,10 @@ def changed_summary(record: Json) -> RenderableType:
 def _first(record: Json) -> Section:
     tone, sign, word = SIGNS[record["verdict"]]
     d = record["distances"]
-    keys = [("nothing changed", probability(record["probability"]["same"]), "probability")]
-    keys += [("the arm is the same", probability(record["probability"]["arm_same"]), "probability")]
+    keys = [("nothing changed", text.probability(record["probability"]["same"]), "probability")]
+    keys += [("the arm is the same", text.probability(record["probability"]["arm_same"]), "probability")]
     if d and record["verdict"] != "same":
-        rms, most = length(d["rms_um"]), length(abs(d["largest_um"]))
+        rms, most = text.length(d["rms_um"]), text.length(abs(d["largest_um"]))
         keys.append(("distances change by", f"{rms} µm", f"RMS; at most {most} µm"))
     folders = [shlex.quote(name) for name in record["folders"]]
     steps = {
@@ -361,22 +343,18 @@ def _first(record: Json) -> Section:
 def changed_page(record: Json) -> str:
     """The page, as text."""
     classes = dict.fromkeys(tuple(x["class"]) for x in record["items"] if x["stated"] and x["class"])
-    notes = [f"Only one of these: {listed(names, 'or')}." for names in classes]
+    notes = [f"Only one of these: {text.listed(names, 'or')}." for names in classes]
     basis = [f"{heading}: {words}." for heading, words, _ in _basis(record)]
+    values = Text("before and after: values of the joint fit of all sessions; U: of the difference.", "quiet")
     sections = [
         _first(record),
         blocks("items", "What changed", items_sheet(record), *texts(notes)),
         blocks("possible", "What else is possible", items_sheet(record, stated=False)),
         blocks("poses", "Given poses", poses_sheet(record)),
         blocks("detectable", "What would have been found", detectable_sheet(record)),
-        blocks(
-            "basis",
-            "Basis",
-            *texts(basis),
-            Text("before and after: values of the joint fit of all sessions; U: of the difference.", "quiet"),
-        ),
+        blocks("basis", "Basis", *texts(basis), values),
     ]
-    subtitle = f"{listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
+    subtitle = f"{text.listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
     return page("Changes between sessions", subtitle, sections, headers=filed(record))
 
 

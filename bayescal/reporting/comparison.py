@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
-from rich.text import Text
 
 from bayescal.effects import UNITS
 from bayescal.methods import Comparison, Result, Row, Solution
 from bayescal.reporting.shared.origin import entry, origin, plain
-from bayescal.reporting.shared.sheet import Column, Sheet, below, screen
+from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, screen
 from bayescal.reporting.shared.text import UM, model_label, um
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
@@ -45,10 +44,7 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
     """A row for each method; below, methods that do not apply and parameters kept nominal."""
     results = [row.result for row in comparison.rows if row.result is not None]
     shown = [key for key, (_, value) in COLUMNS.items() if any(np.isfinite(value(r)) for r in results)]
-    title = Text.assemble(
-        (comparison.dataset.name, "bold"),
-        f"  {comparison.dataset.robot.name}  {model_label(comparison.effects)}",
-    )
+    title = headed(comparison.dataset.name, comparison.dataset.robot.name, model_label(comparison.effects))
     columns = (
         Column("validation (µm)", lambda row: row.method.name),
         *(Column(heading, _of_result(value), um) for heading, value in (COLUMNS[key] for key in shown)),

@@ -108,7 +108,8 @@ SCHEMA = "bayescal-verify/1"
 
 def record(v: Verification) -> dict[str, Any]:
     """The content of verify.json."""
-    out: dict[str, Any] = {
+    measured = v.gap and {"before_model": v.gap.before_is} | _measured(v.gap)
+    return {
         "schema": SCHEMA,
         "format": v.format,
         "file": v.path.name,
@@ -123,11 +124,8 @@ def record(v: Verification) -> dict[str, Any]:
         "use": v.arm.use.record(),
         "passed": v.passed,
         "worse": _worse(v.gap),
-        "measured": None,
+        "measured": measured,
     }
-    if v.gap is not None:
-        out["measured"] = {"before_model": v.gap.before_is} | _measured(v.gap)
-    return out
 
 
 MEASURED = ("before_rms_um", "after_rms_um", "predicted_before_rms_um", "predicted_after_rms_um")

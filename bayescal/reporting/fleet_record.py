@@ -94,25 +94,21 @@ def fleet_record(
 
 def _arms(sessions: Sequence[Json], models: Sequence[Model]) -> list[dict[str, Any]]:
     """The arms in order: by what was found of them, then by the expanded uncertainty of distances."""
-    out = []
-    for m in models:
-        for arm in m.arms:
-            of_arm = [s for s in sessions if s["arm"] == arm and s["robot"] == m.robot and s["fit"]]
-            seen = {(e["effect"], e["site"]): e for s in of_arm for e in s["effects"]}
-            out.append(
-                {
-                    "arm": arm,
-                    "robot": m.robot,
-                    "sessions": [s["session"] for s in of_arm],
-                    "expanded_U_um": of_arm[-1]["fit"]["expanded_U_um"],
-                    "measured_rms_um": of_arm[-1]["fit"]["measured_rms_um"],
-                    "effects": list(seen.values()),
-                    "differs": [_difference(d) for d in m.unlike if d.arm == arm],
-                    "changed": [_difference(d) for d in m.changed if d.arm == arm],
-                    "log_score_nats": m.gains.get(arm),
-                }
-            )
-    return sorted(out, key=_order)
+    return sorted((_arm(arm, m, sessions) for m in models for arm in m.arms), key=_order)
+
+
+def _arm(arm: str, m: Model, sessions: Sequence[Json]) -> dict[str, Any]:
+    of_arm = [s for s in sessions if s["arm"] == arm and s["robot"] == m.robot and s["fit"]]
+    return {
+        "arm": arm,
+        "robot": m.robot,
+        "sessions": [s["session"] for s in of_arm],
+        **{key: of_arm[-1]["fit"][key] for key in ("expanded_U_um", "measured_rms_um")},
+        "effects": list({(e["effect"], e["site"]): e for s in of_arm for e in s["effects"]}.values()),
+        "differs": [_difference(d) for d in m.unlike if d.arm == arm],
+        "changed": [_difference(d) for d in m.changed if d.arm == arm],
+        "log_score_nats": m.gains.get(arm),
+    }
 
 
 def _order(arm: Json) -> tuple[Any, ...]:
@@ -132,27 +128,26 @@ def _effects(sessions: Sequence[Json]) -> list[dict[str, Any]]:
     for s in sessions:
         for e in s["effects"]:
             by_site.setdefault((s["robot"], e["effect"], e["site"]), []).append((s["arm"], e))
-    out = []
-    for (robot, effect, site), each in by_site.items():
-        chances: dict[str, float] = {}
-        for s in sessions:
-            if s["robot"] == robot and s["gap"]:
-                p = s["probability"].get(effect) or 0.0
-                chances[s["arm"]] = max(chances.get(s["arm"], 0.0), p)
-        sizes = [e["value"] for _, e in each if e["value"] is not None]
-        out.append(
-            {
-                "effect": effect,
-                "site": site,
-                "robot": robot,
-                "arms": list(dict.fromkeys(arm for arm, _ in each)),
-                "of": len(chances),
-                "expected_arms": sum(chances.values()),
-                "unit": each[0][1]["unit"],
-                "values": [min(sizes), max(sizes)] if sizes else None,
-            }
-        )
-    return sorted(out, key=lambda e: -len(e["arms"]))
+    every = (_effect(*key, each, sessions) for key, each in by_site.items())
+    return sorted(every, key=lambda e: -len(e["arms"]))
+
+
+def _effect(
+    robot: str, effect: str, site: str, each: Sequence[tuple[str, Json]], sessions: Sequence[Json]
+) -> dict[str, Any]:
+    """An effect at a site: `each` is an arm, and the effect as a session of it has it."""
+    chances: dict[str, float] = {}
+    for s in sessions:
+        if s["robot"] == robot and s["gap"]:
+            chances[s["arm"]] = max(chances.get(s["arm"], 0.0), s["probability"].get(effect) or 0.0)
+    sizes = [e["value"] for _, e in each if e["value"] is not None]
+    return {
+        **{"effect": effect, "site": site, "robot": robot},
+        "arms": list(dict.fromkeys(arm for arm, _ in each)),
+        **{"of": len(chances), "expected_arms": sum(chances.values())},
+        "unit": each[0][1]["unit"],
+        "values": [min(sizes), max(sizes)] if sizes else None,
+    }
 
 
 def _model(m: Model, file: str | None) -> dict[str, Any]:

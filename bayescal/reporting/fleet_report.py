@@ -24,11 +24,8 @@ Link = Callable[[Json], Any]
 
 def at_site(effect: Json) -> str:
     """An effect with its site."""
-    return (
-        f"{text.rival(effect['effect'])} at {effect['site']}"
-        if effect["site"]
-        else text.rival(effect["effect"])
-    )
+    name = text.rival(effect["effect"])
+    return f"{name} at {effect['site']}" if effect["site"] else name
 
 
 def difference(d: Json) -> str:
@@ -47,9 +44,8 @@ def _joined(texts: list[str]) -> str | None:
 
 def arms(record: Json, links: Link | None = None) -> Sheet:
     """The arms, those with findings first."""
-    detailed = links is not None
-    words = difference if detailed else lambda d: str(d["parameter"])
-    columns = [
+    words = difference if links else lambda d: str(d["parameter"])
+    columns = (
         Column("arm", "arm"),
         Column("sessions", lambda arm: len(arm["sessions"])),
         Column("U = k u (µm)", "expanded_U_um", text.uncertainty),
@@ -58,13 +54,15 @@ def arms(record: Json, links: Link | None = None) -> Sheet:
         Column("differs in", lambda arm: _joined([words(d) for d in stated(arm, "differs")]), words=True),
         Column("changed", lambda arm: _joined([words(d) for d in stated(arm, "changed")]), words=True),
         Column("log score (nats)", "log_score_nats", text.signed),
-    ]
-    if links is not None:
-        columns.append(Column("runs", links, as_is, words=True))
-    return Sheet(
-        tuple(columns), record["arms"],
-        "log score: of an arm, left out, under the distribution of the others, against the stated prior",
-    )  # fmt: skip
+        *_of_links(links),
+    )
+    caption = "log score: of an arm, left out, under the distribution of the others, against the stated prior"
+    return Sheet(columns, record["arms"], caption)
+
+
+def _of_links(links: Link | None) -> tuple[Column, ...]:
+    """The column of links to pages, where there are any."""
+    return (Column("runs", links, as_is, words=True),) if links else ()
 
 
 def effects(record: Json) -> Sheet:
@@ -89,18 +87,16 @@ def _range(e: Json) -> str | None:
 
 def sessions(record: Json, links: Link | None = None) -> Sheet:
     """Every session, those that failed first, with their reason."""
-    columns = [
+    columns = (
         Column("session", "session"),
         Column("arm", "arm", words=True),
         Column("status", "status", words=True),
         Column("U = k u (µm)", lambda s: s["fit"] and s["fit"]["expanded_U_um"], text.uncertainty),
         Column("diagnosis", lambda s: s["gap"] and "; ".join(s["gap"]["words"][:1]), words=True),
         Column("error", "error", words=True),
-    ]
-    if links is not None:
-        columns.append(Column("runs", links, as_is, words=True))
-    failed_first = sorted(record["sessions"], key=lambda s: s["status"] != "failed")
-    return Sheet(tuple(columns), failed_first, shown=40)
+        *_of_links(links),
+    )
+    return Sheet(columns, sorted(record["sessions"], key=lambda s: s["status"] != "failed"), shown=40)
 
 
 def parameters(model: Json) -> Sheet:

@@ -18,7 +18,7 @@ from bayescal.reporting.changed import COVERAGE, SMALL
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks, page
 from bayescal.reporting.shared.origin import entry, plain, software
-from bayescal.reporting.shared.sheet import Column, Sheet, below, of_key, screen
+from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, of_key, screen
 from bayescal.reporting.shared.text import listed, probability, under, with_u, with_unit
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
@@ -48,14 +48,9 @@ def history_record(result: History) -> Json:
         "time_unit": result.unit,
         "runs": [entry(e, *RUN) | {"date": e.dates or None} for e in result.entries],
         "parameters": [_course(c, result) for c in result.courses],
-        "limit": None
-        if limit is None
-        else {
-            **entry(limit, "limit_um", "rate_um", "u_rate_um"),
-            "probability": QUANTILES,
-            "time_after_last_run": limit.times,
-            "date": limit.dates or None,
-        },
+        "limit": limit
+        and entry(limit, "limit_um", "rate_um", "u_rate_um")
+        | {"probability": QUANTILES, "time_after_last_run": limit.times, "date": limit.dates or None},
         "notes": result.notes,
     }
     record["words"] = words(record)
@@ -133,7 +128,7 @@ def course_sheet(record: Json, some: Sequence[Json]) -> Sheet:
 def history_summary(record: Json) -> RenderableType:
     """The conclusion, what changed, the runs."""
     first, *others = record["words"]
-    title = Words.assemble((record["robot"], "bold"), f"  {record['serial'] or ''}")
+    title = headed(record["robot"], record["serial"] or "")
     runs = [
         f"{r['date'] or ''} {r['folder']} ({r['command']}, {r['dataset']})".strip() for r in record["runs"]
     ]
@@ -146,8 +141,7 @@ def _panel(p: Json, record: Json) -> tuple[str, Any]:
     """The values of a parameter with their U, and its trend or step."""
     time = np.array([r["time"] for r in record["runs"]])
     has = np.array([v is not None for v in p["values"]])
-    value = np.array([v["value"] for v in p["values"] if v is not None])
-    u = np.array([v["u"] for v in p["values"] if v is not None])
+    value, u = np.array([(v["value"], v["u"]) for v in p["values"] if v is not None]).T
     weight = 1.0 / u**2
     since = [r["folder"] for r in record["runs"]].index(p["from_run"]) if p["from_run"] else 0
     trend = p["change"] == TREND
@@ -160,9 +154,8 @@ def _panel(p: Json, record: Json) -> tuple[str, Any]:
         line = start + p["size"] * np.array([0.0, 0.0, 1.0, 1.0])
     labels = f"time ({record['time_unit']}s)", unit_label(p["unit"])
     values = time[has], value, COVERAGE * u
-    return f"{p['name']}: {size(p, record)}", svg.course(
-        values, (when, line), labels, f"{p['name']} over time"
-    )
+    drawing = svg.course(values, (when, line), labels, f"{p['name']} over time")
+    return f"{p['name']}: {size(p, record)}", drawing
 
 
 def history_page(record: Json) -> str:
@@ -181,24 +174,17 @@ def history_page(record: Json) -> str:
     first = FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), keys, next=steps, warnings=record["notes"]
     )
-    runs = Sheet(
-        (
-            Column("run", "folder"),
-            *(Column(key, key, words=True) for key in ("date", "dataset", "command")),
-            Column("model", lambda r: ", ".join(r["model"]), words=True),
-        ),
-        record["runs"],
+    columns = (
+        Column("run", "folder"),
+        *(Column(key, key, words=True) for key in ("date", "dataset", "command")),
+        Column("model", lambda r: ", ".join(r["model"]), words=True),
     )
+    panels = Figures(tuple(_panel(p, record) for p in with_change)) if with_change else None
     sections = [
         first.section(),
-        blocks(
-            "changed",
-            "What changed",
-            Figures(tuple(_panel(p, record) for p in with_change)) if with_change else None,
-            course_sheet(record, with_change),
-        ),
+        blocks("changed", "What changed", panels, course_sheet(record, with_change)),
         blocks("others", "Other parameters", course_sheet(record, others)),
-        blocks("runs", "Runs", runs),
+        blocks("runs", "Runs", Sheet(columns, record["runs"])),
     ]
     subtitle = f"{record['robot']} {record['serial'] or ''}: {listed(r['folder'] for r in record['runs'])}"
     return page("History", subtitle, sections)

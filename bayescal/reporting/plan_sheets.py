@@ -12,18 +12,10 @@ from rich.text import Text
 from bayescal.dataset import Dataset
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.planning.result import (
-    BOTH,
-    DISTANCES,
-    GAP,
-    REPEAT,
-    VALIDATE,
-    Detectable,
-    ExpectedDistances,
-    Plan,
-)
+from bayescal.planning import result
+from bayescal.planning.result import DISTANCES, GAP, Plan
 from bayescal.planning.separate import NO_LEVER
-from bayescal.reporting.shared.sheet import Column, Sheet, below, of_key, screen, sheet_of_cells
+from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, of_key, screen, sheet_of_cells
 from bayescal.reporting.shared.text import NEVER, Facts, percent, size, um2, under
 
 
@@ -35,7 +27,7 @@ def payloads(session: Dataset) -> np.ndarray:
 
 def count(plan: Plan) -> int:
     """Number of contacts that calibrate: all but those of validation."""
-    return sum(p != VALIDATE for p in plan.purpose)
+    return sum(p != result.VALIDATE for p in plan.purpose)
 
 
 def clearances(plan: Plan) -> list[str]:
@@ -44,7 +36,7 @@ def clearances(plan: Plan) -> list[str]:
     return [f"{np.floor(1e4 * value) / 10:.1f}" if np.isfinite(value) else "" for value in clearance]
 
 
-PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
+PURPOSES = {DISTANCES: "distances", GAP: "gap", result.REPEAT: "repeats", result.VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
 SHARES = ("noise", "certificate", "probing", "prior")
 """Origins of the variance of a distance, in the order of the columns."""
@@ -80,7 +72,7 @@ def expected(plan: Plan) -> Sheet:
     return Sheet(columns, plan.expected)
 
 
-def over(plan: Plan, e: ExpectedDistances) -> str:
+def over(plan: Plan, e: result.ExpectedDistances) -> str:
     """The distances of a goal."""
     return OVER.get(e.over, e.over).format({"images": "poses"}.get(noun(plan), noun(plan)))
 
@@ -98,7 +90,7 @@ def by_target(plan: Plan) -> Sheet:
     purpose, payload = np.array(plan.purpose), payloads(plan.session)
     used = [p for p in PURPOSES if p in plan.purpose]
     masses = np.unique(payload)
-    alone = [k for k in np.unique(m.target) if set(purpose[m.target == k]) == {VALIDATE}]
+    alone = [k for k in np.unique(m.target) if set(purpose[m.target == k]) == {result.VALIDATE}]
     groups = [([k], names[k]) for k in np.unique(m.target) if k not in alone]
     if alone:
         label = names[alone[0]] if len(alone) == 1 else f"{len(alone)} validation targets"
@@ -120,7 +112,7 @@ def detectable(plan: Plan, every_site: bool = False) -> Sheet:
     `every_site`.
     """
 
-    def name(d: Detectable) -> str:
+    def name(d: result.Detectable) -> str:
         return d.effect if str(d.site) == d.effect else f"{d.effect}, {d.site}"
 
     columns = (
@@ -132,9 +124,9 @@ def detectable(plan: Plan, every_site: bool = False) -> Sheet:
     return Sheet(columns, plan.detectable if every_site else least_favourable(plan))
 
 
-def least_favourable(plan: Plan) -> tuple[Detectable, ...]:
+def least_favourable(plan: Plan) -> tuple[result.Detectable, ...]:
     """Of each effect the site with the largest detectable amplitude in proportion to what is plausible."""
-    out: dict[str, Detectable] = {}
+    out: dict[str, result.Detectable] = {}
     for d in plan.detectable:
         largest = out.get(d.effect)
         if largest is None or d.smallest / d.plausible > largest.smallest / largest.plausible:
@@ -155,7 +147,7 @@ def gain(plan: Plan) -> float:
     return float(np.exp(np.mean(means))) if means else float("nan")
 
 
-def _amplitude(value: float, d: Detectable) -> str:
+def _amplitude(value: float, d: result.Detectable) -> str:
     return size(value, d.unit) if value < NEVER * d.plausible else "not detectable"
 
 
@@ -217,7 +209,7 @@ def contacts(plan: Plan) -> Sheet:
     return Sheet(columns, range(len(m.ids)), caption, 0)
 
 
-AIMS = {DISTANCES: "for distances", GAP: "for the gap", BOTH: "for distances and the gap"}
+AIMS = {DISTANCES: "for distances", GAP: "for the gap", result.BOTH: "for distances and the gap"}
 FURTHER = 20
 """Further contacts of `Plan.next_u`."""
 
@@ -330,7 +322,7 @@ PAIRS = 4
 
 def plan_summary(plan: Plan) -> RenderableType:
     """Expected uncertainty, contacts, detectable amplitudes, pairs, warnings: one screen."""
-    name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {title(plan)}")
+    name = headed(plan.session.name, plan.session.robot.name, title(plan))
     costs = (
         (noun(plan), contacts_phrase(plan), ""),
         ("travel", travel(plan), ""),

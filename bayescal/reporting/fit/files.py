@@ -107,18 +107,10 @@ def budget_csv(budgets: Sequence[Budget]) -> str:
         record = plain(measurand_record(b))
         components = record["components"]
         for name, key in (("combined standard uncertainty", "u"), ("expanded uncertainty", "U")):
-            components.append(
-                {
-                    "group": key,
-                    "name": name,
-                    "unit": record["unit"],
-                    "contribution": record[key],
-                    "contribution_um": record[f"{key}_um"],
-                    "dof": record["effective_dof"] or None,
-                    "sensitivity": record["k"] if key == "U" else None,
-                    "value": record["value"],
-                }
-            )
+            total = {"group": key, "name": name, "unit": record["unit"], "value": record["value"]}
+            total |= {"contribution": record[key], "contribution_um": record[f"{key}_um"]}
+            sensitivity = record["k"] if key == "U" else None
+            components.append(total | {"dof": record["effective_dof"] or None, "sensitivity": sensitivity})
         rows += [(b.measurand.name, *(c.get(key) for key in COLUMNS)) for c in components]
     return csv_text(("measurand", *COLUMNS), rows)
 

@@ -60,6 +60,8 @@ LEVEL = (
 )
 POINTS = ("points_mean_um=mean", "points_rms_um=rms")
 """Fields of model levels."""
+UNDETERMINED = ("parameters", "combinations", "state", "lacks=changes", "left_rms_um=displacement", "words")
+"""Fields of what is not determined."""
 CORRELATED = 0.3
 """Least absolute correlation of two parameters of the arm that is stored."""
 
@@ -97,18 +99,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
                 for d in fit.identifiability.weak
             ],
             **entry(fit.identifiability, "determined", "partly", "prior_only"),
-            "undetermined": [
-                entry(
-                    u,
-                    "parameters",
-                    "combinations",
-                    "state",
-                    "lacks=changes",
-                    "left_rms_um=displacement",
-                    "words",
-                )
-                for u in fit.undetermined
-            ],
+            "undetermined": [entry(u, *UNDETERMINED) for u in fit.undetermined],
         },
         "faces": [entry(f, "target", "form_rms_um=form", "p_value", "uneven") for f in fit.faces],
         "predicted_distance": _forecast(fit.forecast),

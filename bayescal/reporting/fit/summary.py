@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from rich.console import RenderableType
-from rich.text import Text
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.conformance import FAIL, PASS, Tolerance
@@ -20,22 +19,9 @@ from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit import sheets
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import filed_lines, hand_eye_lines, images_lines
-from bayescal.reporting.shared.sheet import Sheet, below, screen, terminal
-from bayescal.reporting.shared.text import (
-    MDEG,
-    MM,
-    UM,
-    Facts,
-    facts,
-    listed,
-    model_options,
-    percent,
-    two_digits,
-    um,
-    um2,
-    under,
-)
+from bayescal.reporting.shared.sheet import Sheet, below, headed, screen, terminal
 from bayescal.storage.reading import Json
 
 MOST_REASONS = 4
@@ -55,7 +41,7 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
     Tables are of the record of the fit.
     """
     v, checked = fit.final.validation, record["validation"]["distances"]
-    title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
+    title = headed(fit.dataset.name, fit.dataset.robot.name)
     use = gate.of_fit(fit)
     result = [
         *_verdict(fit.acceptance, use),
@@ -86,10 +72,10 @@ def _iso9283(record: Json) -> Iterator[RenderableType]:
     if record["figures"]:
         headings = ("ISO 9283 (validation measurements)", "number", "mean (µm)", "u", "max (µm)", "u")
         yield terminal(Sheet(sheets.ISO9283, record["figures"]), *headings)
-        yield facts(under("differs", record["differs_from_norm"], "dim"))
+        yield text.facts(text.under("differs", record["differs_from_norm"], "dim"))
 
 
-def _verdict(tests: Acceptance, use: Use) -> Facts:
+def _verdict(tests: Acceptance, use: Use) -> text.Facts:
     good = tests.usable and use.allowed
     style = "bold red" if not tests.explains else "bold green" if good else "bold yellow"
     yield "verdict", tests.verdict, style
@@ -105,7 +91,7 @@ def _verdict(tests: Acceptance, use: Use) -> Facts:
         yield "", doubt.words, "yellow"
 
 
-def _predicted(fit: Fit) -> Facts:
+def _predicted(fit: Fit) -> text.Facts:
     """The distance error to expect, its interval, and the maximum errors of validation measurements."""
     lead, space = fit.forecast.lead, fit.forecast.workspace
     from_priors = "" if fit.acceptance.determined else ", from priors: not determined by these measurements"
@@ -122,20 +108,21 @@ def _predicted(fit: Fit) -> Facts:
 
 def _expected(d: DistanceErrors) -> str:
     low, high = d.interval
-    expanded = f"U = {um2(d.expanded)} µm, k = {d.k:.2f}"
-    return f"predicted {um2(d.u)} µm RMS (95 %: {um2(low)} to {um2(high)}); {expanded}"
+    expanded = f"U = {text.um2(d.expanded)} µm, k = {d.k:.2f}"
+    return f"predicted {text.um2(d.u)} µm RMS (95 %: {text.um2(low)} to {text.um2(high)}); {expanded}"
 
 
 def _over(d: DistanceErrors) -> str:
-    return f"{d.count} distances, {MM * d.shortest:.0f} to {MM * d.longest:.0f} mm, between {d.over}"
+    ends = f"{text.MM * d.shortest:.0f} to {text.MM * d.longest:.0f} mm"
+    return f"{d.count} distances, {ends}, between {d.over}"
 
 
 def _measured(nominal: Validation, v: Validation) -> list[str]:
     """Errors of validation measurements, nominal and calibrated, of each kind."""
 
     def change(what: str, before: Errors, after: Errors) -> str:
-        change = f"{what} error {um(before.rms)} -> {um(after.rms)} µm RMS"
-        return f"{change}, maximum {um(before.maximum)} -> {um(after.maximum)}"
+        change = f"{what} error {text.um(before.rms)} -> {text.um(after.rms)} µm RMS"
+        return f"{change}, maximum {text.um(before.maximum)} -> {text.um(after.maximum)}"
 
     out = []
     if v.distances:
@@ -148,58 +135,59 @@ def _measured(nominal: Validation, v: Validation) -> list[str]:
         out.append(change("contact", nominal.contacts, v.contacts))
     if v.turns:
         angles = v.turn_angles
-        maximum, mean = (two_digits(MDEG * angle) for angle in (angles.maximum, angles.mean))
+        maximum, mean = (text.two_digits(text.MDEG * angle) for angle in (angles.maximum, angles.mean))
         out.append(f"orientation error maximum {maximum} mdeg, mean {mean} mdeg")
     return out or ["none: no measurements with role validate"]
 
 
-def _tolerance(decided: Tolerance | None) -> Facts:
+def _tolerance(decided: Tolerance | None) -> text.Facts:
     if decided is None:
         return
     style = STYLES.get(decided.decision, "bold yellow")
-    words = f"{MM * decided.tolerance:g} mm: {decided.decision}; {decided.why} (ISO 14253-1)"
+    words = f"{text.MM * decided.tolerance:g} mm: {decided.decision}; {decided.why} (ISO 14253-1)"
     yield "tolerance", words, style
-    yield "", f"probability {percent(decided.probability)} for a distance in the probed volume", ""
+    yield "", f"probability {text.percent(decided.probability)} for a distance in the probed volume", ""
 
 
-def _next(fit: Fit, use: Use) -> Facts:
+def _next(fit: Fit, use: Use) -> text.Facts:
     failed = {check.words for check in fit.acceptance.failed}
     reasons = [reason for reason in use.against if reason not in failed]
     if use.against:
         reasons.append("robot.yaml says so; export, compensate and certificates need --force")
-    yield from under("not to be used", reasons, "red")
+    yield from text.under("not to be used", reasons, "red")
     gap = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
-    gap += model_options(fit.final.effects, fit.options.omitted)
+    gap += text.model_options(fit.final.effects, fit.options.omitted)
     yield "next", gap if use.next == "gap" else STEPS[use.next], "bold"
     if use.next == "use":
         yield "", f"{gap}  (effects that validation does not show)", ""
 
 
-def _findings(fit: Fit) -> Facts:
+def _findings(fit: Fit) -> text.Facts:
     failed = {check.test for check in fit.acceptance.failed}
     for finding in fit.findings:
         if finding.code not in failed:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"
 
 
-def _details(fit: Fit, record: Json, verbose: bool) -> Facts:
+def _details(fit: Fit, record: Json, verbose: bool) -> text.Facts:
     level, estimate = fit.final, fit.final.estimate
     model, scatter = estimate.model, level.unexplained
     count = sum(len(b.rows) for b in model.states)
     targets = f"{len(model.states)} target{'s' if len(model.states) > 1 else ''}"
     beside = [p.site.kind for p in model.parameters if not p.site.of_arm]
     parameters = f"{len(model.parameters) - len(beside)} parameters of the arm"
-    parameters += f" and {len(beside)} of {listed(list(dict.fromkeys(beside)))}" if beside else ""
+    parameters += f" and {len(beside)} of {text.listed(list(dict.fromkeys(beside)))}" if beside else ""
     parameters += f" from {count} measurements on {targets}"
     yield "fitted", f"{', '.join(level.effects)}: {parameters}", ""
     repeats = ""
     if scatter.repeats is not None:
         dof = f"{scatter.repeats_dof} d.o.f."
-        repeats = f", {AGAIN[scatter.group]} {UM * scatter.repeats:.1f} µm ({dof})"
+        repeats = f", {AGAIN[scatter.group]} {text.UM * scatter.repeats:.1f} µm ({dof})"
     what = "residual s.d." if scatter.group == "contact" else "single-point residual s.d."
     if any(b.group == scatter.group and b.kind.rows > 1 for b in model.states):
         what += " per coordinate"
-    yield "noise", f"{what} {UM * scatter.fitted:.1f} µm, stated {UM * scatter.stated:.1f} µm{repeats}", ""
+    fitted, stated = (f"{text.UM * sd:.1f} µm" for sd in (scatter.fitted, scatter.stated))
+    yield "noise", f"{what} {fitted}, stated {stated}{repeats}", ""
     yield from _discrepancy(fit)
     if len(estimate.rejected):
         ids = [fit.dataset.measurements.ids[row] for row in estimate.rejected]
@@ -213,29 +201,26 @@ def _details(fit: Fit, record: Json, verbose: bool) -> Facts:
     yield from filed_lines(record)
 
 
-def _discrepancy(fit: Fit) -> Facts:
+def _discrepancy(fit: Fit) -> text.Facts:
     """How much of the stated uncertainty is from stated masses, and from model discrepancy by family."""
     shares, what = dict(fit.stated.parameter_shares), "of the variance of a distance in the probed volume"
     if of_masses := shares.pop(MASSES, 0.0):
-        yield "u from masses", f"{percent(fit.forecast.masses_share)} {what}", ""
-        yield "", f"{percent(of_masses)} of that of a parameter, in the mean", ""
+        yield "u from masses", f"{text.percent(fit.forecast.masses_share)} {what}", ""
+        yield "", f"{text.percent(of_masses)} of that of a parameter, in the mean", ""
     if shares:
-        named = ", ".join(f"{name} {percent(share)}" for name, share in [*shares.items()][:MOST_FAMILIES])
-        share = percent(fit.forecast.discrepancy_share)
+        largest = [*shares.items()][:MOST_FAMILIES]
+        named = ", ".join(f"{name} {text.percent(share)}" for name, share in largest)
+        share = text.percent(fit.forecast.discrepancy_share)
         yield "discrepancy", f"{share} {what}", ""
-        yield "", f"{percent(sum(shares.values()))} of that of a parameter, in the mean ({named})", ""
+        yield "", f"{text.percent(sum(shares.values()))} of that of a parameter, in the mean ({named})", ""
 
 
-def _identifiable(fit: Fit) -> Facts:
+def _identifiable(fit: Fit) -> text.Facts:
     of = fit.identifiability
-    for heading, names, style in (
-        ("identifiable", of.determined, ""),
-        ("weakly", of.partly, ""),
-        ("not", of.prior_only, "yellow"),
-    ):
+    for heading, names in (("identifiable", of.determined), ("weakly", of.partly), ("not", of.prior_only)):
         if names:
-            yield heading, ", ".join(names), style
-    yield from under("weak directions", (direction.words for direction in of.weak), "yellow")
+            yield heading, ", ".join(names), "yellow" if heading == "not" else ""
+    yield from text.under("weak directions", (direction.words for direction in of.weak), "yellow")
 
 
 def _sampler(fit: Fit) -> str:

@@ -12,22 +12,9 @@ from rich.text import Text
 from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import filed_lines, images_lines, scaled
-from bayescal.reporting.shared.sheet import Column, Sheet, inside, screen, terminal
-from bayescal.reporting.shared.text import (
-    Facts,
-    by_reason,
-    interval,
-    length,
-    listed,
-    not_assessed,
-    p_value,
-    per_residual,
-    probability,
-    rival,
-    um,
-    under,
-)
+from bayescal.reporting.shared.sheet import Column, Sheet, headed, inside, screen, terminal
 from bayescal.storage.reading import Json
 
 PLACES = 5
@@ -46,11 +33,9 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
     All is from the record of the diagnosis, but the texts of groups and amplitudes, which it does not have.
     """
     nothing = record["verdict"] == "null"
-    title = Text.assemble(
-        (record["dataset"]["name"], "bold"),
-        f"  {record['arm']['robot']}  model: {', '.join(record['baseline']) or 'nominal'}",
-        f" without {', '.join(record['without'])}" if record["without"] else "",
-    )
+    without = f" without {', '.join(record['without'])}" if record["without"] else ""
+    model = f"model: {', '.join(record['baseline']) or 'nominal'}{without}"
+    title = headed(record["dataset"]["name"], record["arm"]["robot"], model)
     style = STYLES.get(record["verdict"], "bold red")
     parts: list[Any] = [title, *(Text(line, style) for line in record["words"]), ""]
     parts += [[*_size(record), *images_lines(record)], _measured(record), ""]
@@ -76,26 +61,26 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
     return screen(*parts, _remarks(record))
 
 
-def _size(record: Json) -> Facts:
+def _size(record: Json) -> text.Facts:
     size, of = record["gap"], record["lengths"]
     each = "contact" if of["of"] == VALIDATION_CONTACTS else "point (length)"
     factor, ends = sheets.per_vector(of["of"], sheets.components(record)), size["excess_um"]["interval95"]
-    yield "validation", f"{length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
+    yield "validation", f"{text.length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
     source = NOISE_FROM.get(size["noise_from"], size["noise_from"])
-    noise = f"{length(of['noise_um'])} µm per {each}, {interval(size['noise_interval95_um'], factor)}"
-    yield "noise", f"{noise} (95 %, from {source})", ""
-    excess = f"{length(of['excess_um'])} µm"
+    interval = text.interval(size["noise_interval95_um"], factor)
+    yield "noise", f"{text.length(of['noise_um'])} µm per {each}, {interval} (95 %, from {source})", ""
+    excess = f"{text.length(of['excess_um'])} µm"
     if None in ends:
         yield "excess", f"{excess}; no interval: the validation measurements have one pose", "bold"
     elif sheets.exceeds(record):
-        yield "excess", f"{excess}, {interval(ends, factor)} (95 %)", "bold"
+        yield "excess", f"{excess}, {text.interval(ends, factor)} (95 %)", "bold"
     else:
-        yield "excess", f"not significant; at most {length(factor * ends[1])} µm (95 %)", ""
+        yield "excess", f"not significant; at most {text.length(factor * ends[1])} µm (95 %)", ""
 
 
 def _measured(record: Json) -> Sheet:
     def error(x: Json, value: float) -> str:
-        return length(sheets.per_vector(x["what"], sheets.components(record)) * value)
+        return text.length(sheets.per_vector(x["what"], sheets.components(record)) * value)
 
     def within(x: Json) -> bool:
         low, high = x["predicted_interval95_um"]
@@ -121,55 +106,55 @@ def _where(record: Json) -> Sheet:
     return replace(sheets.where_sheet(record), items=shown, style=lambda w: "" if sheets.marked(w) else "dim")
 
 
-def _largest(record: Json) -> Facts:
+def _largest(record: Json) -> text.Facts:
     for w in record["where"][:1]:
-        error = f"{length(w['rms_um'])} µm{per_residual(record)}"
-        text = f"{w['text']}, {error} (p {p_value(w['family_p_value'])})"
+        error = f"{text.length(w['rms_um'])} µm{text.per_residual(record)}"
+        words = f"{w['text']}, {error} (p {text.p_value(w['family_p_value'])})"
         small = "no effect is established" if sheets.marked(w) else "not significant"
-        yield "location", f"largest, {small}: {text}", "dim"
+        yield "location", f"largest, {small}: {words}", "dim"
 
 
-def _margins(gap: Gap, record: Json) -> Facts:
+def _margins(gap: Gap, record: Json) -> text.Facts:
     """The groups with the largest residuals, at most one of each grouping."""
     groups: list[Margin] = []
     for bins in gap.margins.values():
         groups += sorted((m for m in bins if sheets.significant(m.p_value)), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
-        each = per_residual(record)
-        yield "largest groups", "; ".join(f"{m.text} ({um(m.rms)} µm{each})" for m in largest), ""
+        each = text.per_residual(record)
+        yield "largest groups", "; ".join(f"{m.text} ({text.um(m.rms)} µm{each})" for m in largest), ""
 
 
-def _which(record: Json) -> Facts:
+def _which(record: Json) -> text.Facts:
     ranked = sorted(record["probability"].items(), key=lambda item: -item[1])
-    shown = [f"{rival(n)} {probability(p)}" for n, p in ranked if p >= LEAST_PROBABILITY]
+    shown = [f"{text.rival(n)} {text.probability(p)}" for n, p in ranked if p >= LEAST_PROBABILITY]
     if shown:
         yield "probability", ", ".join(shown), ""
     credible = record["credible_set90"]
     if len(credible) > 1 and record["verdict"] != "null":
         # effects that are all present are not alternatives
         together = {n["effect"] for n in record["named"]} == set(credible)
-        text = listed(map(rival, credible), "and" if together else "or")
-        yield "90 % set", text, "" if together else "yellow"
-    yield from under("footnote", record["footnotes"], "dim")
+        words = text.listed(map(text.rival, credible), "and" if together else "or")
+        yield "90 % set", words, "" if together else "yellow"
+    yield from text.under("footnote", record["footnotes"], "dim")
 
 
 WIDTH = re.compile(r" (x[\d.]+)")
 """A factor on the prior widths of an effect, in the form of ``--model``."""
 
 
-def _amplitudes(gap: Gap, record: Json) -> Facts:
+def _amplitudes(gap: Gap, record: Json) -> text.Facts:
     """Amplitudes of the named effects, and the model that has them."""
-    yield from under("amplitude", causes.lines(gap), "bold")
+    yield from text.under("amplitude", causes.lines(gap), "bold")
     if record["amplitudes"]:
         refit = record["refit"]
         without = f" --without '{','.join(refit['without'])}'" if refit["without"] else ""
         yield "refit", f"--model '{refit['model']}'{without}", ""
         if widths := dict.fromkeys(WIDTH.findall(refit["model"])):
-            yield "", f"{listed(widths)}: prior widths, over the usual ones", "dim"
+            yield "", f"{text.listed(widths)}: prior widths, over the usual ones", "dim"
 
 
-def _remedy(record: Json) -> Facts:
+def _remedy(record: Json) -> text.Facts:
     """What to inspect on the machine, of an unmodelled effect alone."""
     where = sheets.unexplained(record) if record["verdict"] == "unknown" else None
     if where and "remedy" in where:
@@ -183,24 +168,25 @@ def _improvements(record: Json) -> Sheet:
     """What the named effects improve, with the errors that the refit expects before and after."""
     sheet = sheets.improvements(record)
     keys = ("predicted_before_rms_um", "predicted_rms_um")
-    expected = Column("expected", lambda s: " -> ".join(length(s[key]) for key in keys))
+    expected = Column("expected", lambda s: " -> ".join(text.length(s[key]) for key in keys))
     return replace(sheet, columns=(*sheet.columns[:4], expected, *sheet.columns[5:]))
 
 
-def _not_claimed(record: Json) -> Facts:
+def _not_claimed(record: Json) -> text.Facts:
     doubted = [n["effect"] for n in record["named"] if not n["confirmed"]]
     if doubted:
-        yield "", f"the validation data do not confirm {listed(doubted)}: no improvement is claimed", "yellow"
+        words = f"the validation data do not confirm {text.listed(doubted)}: no improvement is claimed"
+        yield "", words, "yellow"
     for s in () if doubted else sheets.improved(record):
         if not s["claimed"]:
             before, after = s["before_rms_um"], s["after_rms_um"]
             why = (
-                f"the refitted model expects {length(s['predicted_rms_um'])} µm, not less than before"
+                f"the refitted model expects {text.length(s['predicted_rms_um'])} µm, not less than before"
                 if s["predicted_rms_um"] >= before
-                else f"{length(before)} µm before, {length(after)} µm after: not significant"
+                else f"{text.length(before)} µm before, {text.length(after)} µm after: not significant"
             )
             shown = [f"{n['effect']}: {n['established']}" for n in record["named"] if n.get("established")]
-            claim = f"established by {listed(shown)}" if shown else "no improvement is claimed"
+            claim = f"established by {text.listed(shown)}" if shown else "no improvement is claimed"
             yield "", f"{s['what']}: {why}; {claim}", "yellow"
 
 
@@ -213,25 +199,26 @@ def _levels(record: Json) -> Sheet:
     return sheets.levels_sheet({**record, "ladder": levels}, shown, "")
 
 
-def _next(record: Json) -> Facts:
+def _next(record: Json) -> text.Facts:
     for k, a in enumerate(record["next"][:ADVICE]):
         count = len(a["contacts"])
         noun = sheets.measured_as(record, a["contacts"])
         more = f", {count} {noun}{'s' if count > 1 else ''} in next.csv" if count else ""
-        what = f"{listed(sheets.pair_of(record, a['separates']), 'from')}: {a['what']}{more}"
+        what = f"{text.listed(sheets.pair_of(record, a['separates']), 'from')}: {a['what']}{more}"
         detectability = f"(detectability {a['lambda_before']:.0f} to {a['lambda_after']:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
     for k, (columns, effects) in enumerate(sheets.unshown(record).items(), start=len(record["next"])):
-        yield "" if k else "measure next", f"to show {listed(effects, 'or')}: record {columns}", ""
+        yield "" if k else "measure next", f"to show {text.listed(effects, 'or')}: record {columns}", ""
 
 
-def _remarks(record: Json) -> Facts:
+def _remarks(record: Json) -> text.Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     # said above, with what to record
     shown = {name for names in sheets.unshown(record).values() for name in names}
-    lacking = {n: why for n, why in not_assessed(record).items() if n not in shown and why not in ELSEWHERE}
-    reasons = by_reason(lacking)
-    yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
-    yield from under("note", record["notes"])
-    yield from under("warning", record["warnings"], "yellow")
+    missing = text.not_assessed(record).items()
+    reasons = text.by_reason({n: why for n, why in missing if n not in shown and why not in ELSEWHERE})
+    lines = (f"{', '.join(names)}: {why}" for why, names in reasons.items())
+    yield from text.under("not assessed", lines, "dim")
+    yield from text.under("note", record["notes"])
+    yield from text.under("warning", record["warnings"], "yellow")
     yield from filed_lines(record)

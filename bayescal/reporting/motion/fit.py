@@ -26,18 +26,11 @@ from bayescal.motion.together import Together
 from bayescal.posterior.inference import Record, save
 from bayescal.preparing.next_motions import PAUSE, MotionPlan
 from bayescal.reporting.fit import record as contacts
+from bayescal.reporting.motion import sheets
 from bayescal.reporting.motion.record import LIBRARIES, controller, origin, shown_unit, write_arm
-from bayescal.reporting.motion.sheets import (
-    headed,
-    newton_metres,
-    parameter_sheet,
-    title,
-    together_sheet,
-    withheld_sheet,
-)
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain, software
-from bayescal.reporting.shared.sheet import Column, Sheet, below, screen, sheet_of_cells, terminal
+from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, screen, sheet_of_cells, terminal
 from bayescal.reporting.shared.text import Facts, listed, p_value, under
 from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
@@ -113,8 +106,9 @@ def _warnings_of(fit: MotionFit) -> list[str]:
 def fit_summary(record: Json, verbose: bool = False) -> RenderableType:
     """Withheld errors, parameters that the log determines, combinations."""
     words = (Text(f"{line[0].upper()}{line[1:]}.", "bold red") for line in record["words"])
-    parameters = terminal(parameter_sheet(record, verbose))
-    return screen(title(record), *words, *below(withheld_sheet(record)), "", parameters, _facts(record))
+    parameters = terminal(sheets.parameter_sheet(record, verbose))
+    withheld = below(sheets.withheld_sheet(record))
+    return screen(sheets.title(record), *words, *withheld, "", parameters, _facts(record))
 
 
 def _facts(record: Json) -> Facts:
@@ -122,15 +116,12 @@ def _facts(record: Json) -> Facts:
     words = f"{record['determined']} of {total} directions of the parameters, better than half their prior"
     yield "determined", words, ""
     yield from under("only together", record["combinations"], "dim")
+    shift = record["torque_shift_ms"]
     if record["unit"] == "deg":
-        yield "commands", f"acted on after {record['torque_shift_ms']:.0f} ms, beside viscous friction", "dim"
+        yield "commands", f"acted on after {shift:.0f} ms, beside viscous friction", "dim"
     else:
-        shift = record["torque_shift_ms"]
-        yield (
-            "torque",
-            f"{abs(shift):.2f} ms {'later' if shift >= 0 else 'earlier'} than the positions",
-            "dim",
-        )
+        when = "later" if shift >= 0 else "earlier"
+        yield "torque", f"{abs(shift):.2f} ms {when} than the positions", "dim"
     yield from under("warning", [x for x in record["warnings"] if x not in record["words"]], "yellow")
 
 
@@ -200,10 +191,8 @@ def _warnings(result: Together, p: float) -> list[str]:
 
 def together_summary(record: Json, verbose: bool = False) -> RenderableType:
     """Parameters by one alone and by both."""
-    title = Text.assemble(
-        (f"{record['session']} + {record['log']['name']}", "bold"), f"  {record['robot']}  fitted together"
-    )
-    return screen(title, "", terminal(together_sheet(record, verbose)), _shared(record))
+    title = headed(f"{record['session']} + {record['log']['name']}", record["robot"], "fitted together")
+    return screen(title, "", terminal(sheets.together_sheet(record, verbose)), _shared(record))
 
 
 def _shared(record: Json) -> Facts:
@@ -239,23 +228,23 @@ def export_summary(e: LogExport) -> RenderableType:
     """The parts of the model that the file does not hold, with their size."""
 
     def joined(values: Sequence[float] | None) -> str:
-        return "-" if values is None else " ".join(newton_metres(abs(x)) for x in values)
+        return "-" if values is None else " ".join(sheets.newton_metres(abs(x)) for x in values)
 
     rows = [(words, unit, joined(x), joined(e.mrad(unit, x))) for words, unit, x in e.left_out]
-    title = Text.assemble((e.robot, "bold"), f"  {e.format}: {CONTENT[e.format]}")
+    title = headed(e.robot, f"{e.format}: {CONTENT[e.format]}")
     heads = ("not in the file", "unit", "joint by joint", "mrad of position")
     return screen(title, terminal(sheet_of_cells(heads, rows)))
 
 
 def verify_summary(v: LogVerification) -> RenderableType:
     """Torque errors of withheld motions in the simulator, joint by joint."""
-    errors = (map(newton_metres, x) for x in (v.nominal, v.fitted))
+    errors = (map(sheets.newton_metres, x) for x in (v.nominal, v.fitted))
     rows = list(zip(v.joints, *errors, map("{:.1e}".format, v.difference), strict=True))
     what = f"torque residual in the simulator, joints faster than {SLIDING} rad/s (N m RMS)"
     headings = (what, "nominal", "fitted", "simulator - model")
     no, colour = ("", "green") if v.passed else ("not ", "red")
     verdict = Text(f"the file is {no}the arm that was fitted", f"bold {colour}")
-    title = Text.assemble((v.name, "bold"), f"  {v.path} in {v.software}, {v.rows} rows of withheld motions")
+    title = headed(v.name, f"{v.path} in {v.software}, {v.rows} rows of withheld motions")
     parts = title, verdict, sheet_of_cells(headings, rows), ""
     if isinstance(v.tracking, str):
         return screen(*parts, Text(f"not replayed: {v.tracking}", "dim"))
@@ -267,7 +256,7 @@ def replay_sheet(joints: Sequence[str], arms: Mapping[str, Tracking]) -> Sheet:
     names = {"nominal": "nominal", "model": "fitted", "effects": "with the effects"}
     heads = [f"{names[a]}, {unit}" for unit in ("deg", "N m") for a in arms]
     columns = [[f"{x:.3g}" for x in np.rad2deg(of.rms)] for of in arms.values()]
-    columns += [[newton_metres(x) for x in of.torque] for of in arms.values()]
+    columns += [[sheets.newton_metres(x) for x in of.torque] for of in arms.values()]
     rows = list(zip(joints, *columns, strict=True))
     return sheet_of_cells(("open-loop replay of the commands (RMS)", *heads), rows)
 
@@ -337,7 +326,7 @@ def motion_sheet(record: Json) -> Sheet:
 
 def plan_summary(record: Json) -> RenderableType:
     """The motions, and what is left out."""
-    title = headed(record["dataset"]["name"], record["robot"], "motions to log next")
+    title = sheets.headed(record["dataset"]["name"], record["robot"], "motions to log next")
     if not record["motions"] and not record["left_out"]:
         return screen(title, "The log lacks no motion.")
     rows = [*under("left out", record["left_out"]), *under("assumed", record["warnings"], "yellow")]

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from bayescal.effects.vocabulary import UNITS, unit_label
 from bayescal.reporting.gap.summary import STYLES
+from bayescal.reporting.shared import sheet
 from bayescal.reporting.shared.sheet import Column, Sheet, below, screen, terminal
 from bayescal.reporting.shared.text import Facts, by_reason, probability, rival, share, under, with_u
 from bayescal.storage.reading import Json
@@ -39,8 +40,7 @@ def title(record: Json) -> Text:
 
 def headed(name: str, robot: str, what: str) -> Text:
     """A heading of a log: its name, the robot where it has another one, and what follows."""
-    further = (robot if robot != name else "", what)
-    return Text.assemble((name, "bold"), *(f"  {text}" for text in further if text))
+    return sheet.headed(name, robot if robot != name else "", what)
 
 
 def by_joint(record: Json, values: Json, keys: Sequence[str]) -> list[Json]:

@@ -14,18 +14,7 @@ from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted.gate import STEPS
 from bayescal.reporting.figures.estimates import levelled
 from bayescal.reporting.fit import sheets
-from bayescal.reporting.page import common, svg
-from bayescal.reporting.page.section import (
-    Facts,
-    Fault,
-    Figures,
-    FirstScreen,
-    Run,
-    Section,
-    Text,
-    blocks,
-    texts,
-)
+from bayescal.reporting.page import common, section, svg
 from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import images_keys, images_sheet
 from bayescal.reporting.shared.sheet import Column, Sheet, as_is
@@ -40,7 +29,7 @@ REASONS = 4
 """Failed tests that the first screen names."""
 
 
-def first(run: Run) -> Section:
+def first(run: section.Run) -> section.Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
     doubts = verdict.get("doubts", ())  # records of earlier versions have none
@@ -48,11 +37,12 @@ def first(run: Run) -> Section:
     against = record["use"]["against"]
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
-    faults = [Fault(f"not to be used: {reason}") for reason in against]
+    faults = [section.Fault(f"not to be used: {reason}") for reason in against]
     concerns = [c for c in (reasons or doubts)[:REASONS] if c["words"] not in against]
-    faults += [Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)) for c in concerns]
+    for c in concerns:
+        faults.append(section.Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)))
     warnings, notes = _warnings(record)
-    return FirstScreen(
+    return section.FirstScreen(
         verdict["words"][:1].upper() + verdict["words"][1:],
         tone,
         {"good": "✓", "warn": "?", "bad": "✗"}[tone],
@@ -75,7 +65,7 @@ def _warnings(record: Json) -> tuple[list[str], list[str]]:
     return others, list(dict.fromkeys(notes))
 
 
-def _why(run: Run) -> str:
+def _why(run: section.Run) -> str:
     verdict = run.record["verdict"]
     if verdict["explains"] and not verdict["determined"]:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
@@ -126,7 +116,7 @@ def _change(before: float, after: float) -> str:
     return f"{text.length(before)} → {text.length(after)} µm"
 
 
-def _next(run: Run) -> list[tuple[str, str]]:
+def _next(run: section.Run) -> list[tuple[str, str]]:
     folder, use = shlex.quote(run.folder), run.record["use"]
     words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
     less = run.record.get("without", ())  # an earlier version has none
@@ -146,7 +136,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
     ]
 
 
-def levels(run: Run) -> Section | None:
+def levels(run: section.Run) -> section.Section | None:
     """Errors of validation measurements by model level."""
     columns = (
         ("contacts RMS", "heldout_planes_rms_um"),
@@ -158,14 +148,14 @@ def levels(run: Run) -> Section | None:
     if not levelled(run.record):
         return None
     names = [text.model_label(step["model"]) for step in run.record["ladder"]]
-    return blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
+    return section.blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
 
 
-def distances(run: Run) -> Section | None:
+def distances(run: section.Run) -> section.Section | None:
     """Certified distances and diameters, measured and predicted; validation targets."""
     validation = run.record["validation"]
     ranked = sorted(validation["distances"], key=lambda d: -abs(d["calibrated_error_um"]))
-    return blocks(
+    return section.blocks(
         "distances",
         "Distances and validation",
         Sheet(sheets.PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
@@ -176,7 +166,7 @@ def distances(run: Run) -> Section | None:
     )
 
 
-def iso9283(run: Run) -> Section | None:
+def iso9283(run: section.Run) -> section.Section | None:
     """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
     record = run.record["iso9283"]
     if not record["figures"]:
@@ -184,10 +174,10 @@ def iso9283(run: Run) -> Section | None:
     caption = "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement"
     lines = ("What differs from the procedure of the standard:", *record["differs_from_norm"])
     table = Sheet(sheets.ISO9283, record["figures"], caption)
-    return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
+    return section.blocks("iso9283", "ISO 9283", table, *section.texts(lines, "quiet"))
 
 
-def parameters(run: Run) -> Section | None:
+def parameters(run: section.Run) -> section.Section | None:
     """Parameters with prior and posterior."""
 
     def drawing(p: Json) -> Markup:
@@ -205,16 +195,16 @@ def parameters(run: Run) -> Section | None:
     )
     caption = "; ".join(notes)
     weak = [f"Weakly identifiable: {d['words']}" for d in run.record["identifiability"]["weak_directions"]]
-    return blocks(
+    return section.blocks(
         "parameters",
         "Parameters",
         Sheet(columns, of_arm, caption),
-        *texts(weak),
+        *section.texts(weak),
         Sheet(columns, other, "Targets and faces", 0),
     )
 
 
-def correlations(run: Run) -> Section | None:
+def correlations(run: section.Run) -> section.Section | None:
     """Correlations of the parameters of the arm."""
     pairs = run.record["correlations"]
     if not pairs:
@@ -234,16 +224,18 @@ def correlations(run: Run) -> Section | None:
     )
     caption = "The strongest correlations: only their combination is well known"
     table = Sheet(columns, pairs, caption, PAIRS)
-    legend = "Squares: absolute value of 0.3 and above; filled: positive; open: negative."
-    return blocks("correlations", "Correlations", Figures((("", drawing),)), Text(legend, "quiet"), table)
+    legend = section.Text(
+        "Squares: absolute value of 0.3 and above; filled: positive; open: negative.", "quiet"
+    )
+    return section.blocks("correlations", "Correlations", section.Figures((("", drawing),)), legend, table)
 
 
-def sampler(run: Run) -> Section | None:
+def sampler(run: section.Run) -> section.Section | None:
     """Whether the posterior draws suffice."""
     s = run.record["sampler"]
     if not s["acceptance"]:
-        none = Text("Gaussian approximation (--samples 0): nothing was sampled.")
-        return blocks("sampler", "Sampler", none)
+        none = section.Text("Gaussian approximation (--samples 0): nothing was sampled.")
+        return section.blocks("sampler", "Sampler", none)
     error = text.share(s["monte_carlo_error"]["largest_over_sd"])
     lines = (
         ("state", "converged" if s["converged"] else f"not converged: {s['complaint']}"),
@@ -254,10 +246,10 @@ def sampler(run: Run) -> Section | None:
         ("moves", s["moves"]),
         ("Monte Carlo error", f"at most {error} of an uncertainty"),
     )
-    return blocks("sampler", "Sampler", Facts(lines))
+    return section.blocks("sampler", "Sampler", section.Facts(lines))
 
 
-def outliers(run: Run) -> Section | None:
+def outliers(run: section.Run) -> section.Section | None:
     """Rejected measurements and what they share, noise, tests."""
     record, noise = run.record, run.record["noise"]
     rejected = record["rejected"]
@@ -274,11 +266,11 @@ def outliers(run: Run) -> Section | None:
     )
     tests = Sheet(sheets.TESTS, record["verdict"]["tests"], "Tests of the model")
     words = words if rejected else "No measurement was rejected."
-    lines = (Text(words), *texts(causes, "warning"), Text(of_noise))
-    return blocks("outliers", "Outliers, noise and tests", *lines, tests)
+    lines = (section.Text(words), *section.texts(causes, "warning"), section.Text(of_noise))
+    return section.blocks("outliers", "Outliers, noise and tests", *lines, tests)
 
 
-SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
+SECTIONS: tuple[Callable[[section.Run], section.Section | None], ...] = (
     first,
     common.scene,
     lambda run: common.residuals(run, sheets.by_target(run.record["residuals"])),

@@ -12,20 +12,9 @@ from bayescal.reporting.gap.phrases import LIKELY
 from bayescal.reporting.page import common
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, blocks, texts
 from bayescal.reporting.page.svg import DRAWN, draw_arm, marked_sites
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
-from bayescal.reporting.shared.text import (
-    MISSING,
-    SURE,
-    interval,
-    length,
-    listed,
-    model_options,
-    not_assessed,
-    probability,
-    rival,
-    share,
-)
 from bayescal.storage.reading import Json
 
 FIRST = "Measure more before a part is replaced."
@@ -94,7 +83,7 @@ def faults(record: Json) -> list[Fault]:
         facts = [
             ("location", sheets.sites_of(amplitudes) or sheets.site_of(named["site"])),
             ("size", sheets.sizes_of(amplitudes)),
-            ("probability", probability(named["probability"])),
+            ("probability", text.probability(named["probability"])),
             ("share of the excess", sheets.share_of(record, named["effect"])),
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
@@ -107,12 +96,12 @@ def faults(record: Json) -> list[Fault]:
         facts = [
             ("location", where["text"] if where else "no single location"),
             ("size", sheets.size_of(record, where) if where else ""),
-            ("probability", "" if p is None else probability(p)),
-            ("share of the excess", share(where["share"]) if where else ""),
+            ("probability", "" if p is None else text.probability(p)),
+            ("share of the excess", text.share(where["share"]) if where else ""),
             ("what happens", where.get("words", "") if where else ""),
         ]
         remedy = where.get("remedy", "") if where else ""
-        out.append(Fault(rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
+        out.append(Fault(text.rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
         may_be = tuple(n for n in record["credible_set90"] if n not in (sheets.NULL, *record["effects"]))
     if record["class"]:
@@ -122,9 +111,9 @@ def faults(record: Json) -> list[Fault]:
         remedy = UNKNOWN if name == sheets.OTHER else FIRST if record["class"] else _remedy(name)
         p = record["probability"].get(name) or 0.0
         site = record["class"]["site"] if record["class"] and name == sheets.OTHER else ""
-        facts = [("location", site), ("probability", probability(p))]
-        fault = Fault(f"{'' if p >= SURE else 'possibly '}{rival(name)}", _stated(facts), remedy)
-        out.insert(0 if p >= SURE else len(out), fault)
+        facts = [("location", site), ("probability", text.probability(p))]
+        fault = Fault(f"{'' if p >= text.SURE else 'possibly '}{text.rival(name)}", _stated(facts), remedy)
+        out.insert(0 if p >= text.SURE else len(out), fault)
     return out
 
 
@@ -132,7 +121,7 @@ def doubt_of(named: Json) -> str:
     """Word before a name that is not certain; "" of one that is."""
     if named.get("possible"):
         return "possibly "
-    return "probably " if named["probability"] < SURE else ""
+    return "probably " if named["probability"] < text.SURE else ""
 
 
 def _further(record: Json) -> tuple[str, ...]:
@@ -143,7 +132,7 @@ def _further(record: Json) -> tuple[str, ...]:
 
 
 def _stated(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    return tuple((name, value) for name, value in facts if value not in ("", MISSING))
+    return tuple((name, value) for name, value in facts if value not in ("", text.MISSING))
 
 
 def _remedy(effect: str) -> str:
@@ -155,36 +144,37 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
     now = next((m for m in record["gap"]["measured"] if m["what"] == DISTANCES), None)
     better = record["shrinkage"].get("distances")
     if better and record["named"]:
-        before, after = length(better["before_rms_um"]), length(better["after_rms_um"])
+        before, after = text.length(better["before_rms_um"]), text.length(better["after_rms_um"])
         value = f"{before} → {after} µm RMS" if better["claimed"] else f"{before} µm RMS"
         detail = (
             f"{better['count']} certified distances, before and after the refit with the named effects, "
-            f"which expects {length(better['predicted_rms_um'])} µm"
+            f"which expects {text.length(better['predicted_rms_um'])} µm"
         )
         yield "Distance error", value, detail + ("" if better["claimed"] else "; no improvement is claimed")
     elif now:
-        detail = f"{now['count']} certified distances; the model expects {length(now['predicted_rms_um'])} µm"
-        yield "Distance error", f"{length(now['rms_um'])} µm RMS", detail
+        expected = f"the model expects {text.length(now['predicted_rms_um'])} µm"
+        detail = f"{now['count']} certified distances; {expected}"
+        yield "Distance error", f"{text.length(now['rms_um'])} µm RMS", detail
     else:
         yield "Distance error", "not measured", "no certified distances in the validation data"
     of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
-    excess = f"{length(of['excess_um'])} µm" if sheets.exceeds(record) else "not significant"
+    excess = f"{text.length(of['excess_um'])} µm" if sheets.exceeds(record) else "not significant"
     factor = sheets.per_vector(of["of"], sheets.components(record))
     detail = (
-        f"95 %: {interval(ends, factor)} µm per {kind}; validation RMS "
-        f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm"
+        f"95 %: {text.interval(ends, factor)} µm per {kind}; validation RMS "
+        f"{text.length(of['validation_rms_um'])} µm, noise {text.length(of['noise_um'])} µm"
     )
     yield "Excess above noise", excess, detail
     null = record["probability"].get(sheets.NULL)
     if null is not None:
-        yield "Probability of noise only", probability(null), f"from {record['gap']['heldout']}"
+        yield "Probability of noise only", text.probability(null), f"from {record['gap']['heldout']}"
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
     record, dataset, out = run.record, run.datasets, []
     if record["named"]:
-        options = model_options(record["refit"]["model"].split(","), record["refit"]["without"])
+        options = text.model_options(record["refit"]["model"].split(","), record["refit"]["without"])
         if any(map(doubt_of, record["named"])):
             words = "Measure more, and diagnose again; to fit with the effects that are named:"
         elif record["class"]:
@@ -195,7 +185,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
             )
         larger = sheets.worse(record)
         if larger:
-            what = f"with the effects that are named, errors of {listed(larger)} are larger"
+            what = f"with the effects that are named, errors of {text.listed(larger)} are larger"
             out.append((f"Measure more, and diagnose again: {what}.", ""))
         else:
             out.append((words, f"bayescal fit {dataset}{options}"))
@@ -208,7 +198,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
         command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap{count}"
         out.append((f"{what} that decide between the explanations.", command))
     if record["verdict"] == "null":
-        options = model_options(record["baseline"], record["without"])
+        options = text.model_options(record["baseline"], record["without"])
         as_it_is = ("Calibrate with the model as it is.", f"bayescal fit {dataset}{options}")
         first = ("Find what makes errors larger than the noise, and measure again.", "")
         out.insert(0, first if sheets.exceeds(record) else as_it_is)
@@ -228,16 +218,11 @@ def effects(run: Run) -> Section | None:
         "Sets of effects, the most probable first; log evidence relative to noise only; 1 nat is a factor "
         "of e = 2.7 in probability"
     )
-    return blocks(
-        "effects",
-        "Effects",
-        sheets.effects_sheet(record),
-        *texts([*record["footnotes"], *record["notes"]], "quiet"),
-        Sheet(sheets.HYPOTHESES, record["hypotheses"], caption, 6),
-        Sheet(
-            sheets.NOT_ASSESSED, tuple(not_assessed(record).items()), "Effects that these data cannot show"
-        ),
-    )
+    notes = texts([*record["footnotes"], *record["notes"]], "quiet")
+    sets = Sheet(sheets.HYPOTHESES, record["hypotheses"], caption, 6)
+    missing = tuple(text.not_assessed(record).items())
+    lacking = Sheet(sheets.NOT_ASSESSED, missing, "Effects that these data cannot show")
+    return blocks("effects", "Effects", sheets.effects_sheet(record), *notes, sets, lacking)
 
 
 def levels(run: Run) -> Section | None:
@@ -252,7 +237,7 @@ def advice(run: Run) -> Section | None:
     pairs = [a | {"separates": sheets.pair_of(run.record, a["separates"])} for a in run.record["next"]]
     table = Sheet(sheets.ADVICE, pairs, caption)
     columns = sheets.unshown(run.record).items()
-    further = [f"To show {listed(effects, 'or')}: record {names}." for names, effects in columns]
+    further = [f"To show {text.listed(effects, 'or')}: record {names}." for names, effects in columns]
     if not run.record["next"] and _planned(run.record):
         further.insert(0, "The measurements that decide between the explanations are those of bayescal plan.")
     nothing = () if run.record["next"] or further else ("No further measurements are proposed.",)

@@ -7,20 +7,9 @@ import shlex
 import numpy as np
 
 from bayescal.reporting.motion import sheets
-from bayescal.reporting.page import svg
+from bayescal.reporting.page import section, svg
 from bayescal.reporting.page.common import CLIP
 from bayescal.reporting.page.gap import FIRST, doubt_of, verdict_of
-from bayescal.reporting.page.section import (
-    Facts,
-    Fault,
-    Figures,
-    FirstScreen,
-    Run,
-    Section,
-    Text,
-    blocks,
-    texts,
-)
 from bayescal.reporting.shared.text import by_reason, probability
 from bayescal.storage.reading import Json
 
@@ -28,17 +17,17 @@ KINDS = (("before", "dot", "Blue: model"), ("after", "check", "orange: with the 
 """Residuals that are drawn: key, class of the style sheet, words."""
 
 
-def first(run: Run) -> Section:
+def first(run: section.Run) -> section.Section:
     """Verdict, effects with size and place, what to measure next."""
     record = run.record
     tone, sign, word = verdict_of(record)
 
-    def fault(named: Json) -> Fault:
+    def fault(named: Json) -> section.Fault:
         relevant = ("relevant", "yes" if named["relevant"] else "no")
         facts = (("probability", probability(named["probability"])), relevant)
         doubt = doubt_of(named)
         advice = FIRST if doubt or record["verdict"] == "class" else named["remedy"]
-        return Fault(f"{doubt}{named['text']}", facts, advice)
+        return section.Fault(f"{doubt}{named['text']}", facts, advice)
 
     steps = _simulator(run, "Write the arm with the effects, for a simulator:") if record["named"] else []
     if record["verdict"] == "null":
@@ -46,14 +35,14 @@ def first(run: Run) -> Section:
     if record.get("next_motions"):
         motions = "Run the motions of next-motions.csv, log them, and diagnose again with the log."
         steps = [*steps, (motions, "")] if record["verdict"] in ("null", "named") else [(motions, ""), *steps]
-    return FirstScreen(
+    return section.FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong",
         faults=[fault(named) for named in record["named"]],
         next=steps, warnings=record["warnings"], notes=record["next"],
     ).section()  # fmt: skip
 
 
-def _simulator(run: Run, words: str = "Write the arm for a simulator:") -> list[tuple[str, str]]:
+def _simulator(run: section.Run, words: str = "Write the arm for a simulator:") -> list[tuple[str, str]]:
     """Steps to an arm in a simulator."""
     folder = shlex.quote(run.folder)
     return [
@@ -62,14 +51,15 @@ def _simulator(run: Run, words: str = "Write the arm for a simulator:") -> list[
     ]
 
 
-def torque(run: Run) -> Section | None:
+def torque(run: section.Run) -> section.Section | None:
     """Torque residuals of withheld motions."""
     record = run.record
-    expected = texts([f"expected: {sheets.EXPECTED}"], "quiet")
-    return blocks("torque", "Withheld motions", sheets.torque_sheet(record), *expected, *_course(record))
+    expected = section.Text(f"expected: {sheets.EXPECTED}", "quiet")
+    tables = sheets.torque_sheet(record), expected, *_course(record)
+    return section.blocks("torque", "Withheld motions", *tables)
 
 
-def _course(record: Json) -> tuple[Figures, Text] | tuple[()]:
+def _course(record: Json) -> tuple[section.Figures, section.Text] | tuple[()]:
     """Drawings of the residuals in the withheld motion with most error, joint by joint."""
     if "withheld" not in record:  # of an earlier version
         return ()
@@ -86,33 +76,33 @@ def _course(record: Json) -> tuple[Figures, Text] | tuple[()]:
         drawings.append(("", svg.scatter(dots, labels, 2.0 * floor, f"Residuals of {name}", (-edge, edge))))
     words = "; ".join(text for _, _, text in kinds)
     legend = f"Motion {w['motion']}. {words}; triangles: off scale. Grey band: twice the expected residual."
-    return Figures(tuple(drawings)), Text(legend, "quiet")
+    return section.Figures(tuple(drawings)), section.Text(legend, "quiet")
 
 
-def replayed(run: Run) -> Section | None:
+def replayed(run: section.Run) -> section.Section | None:
     """Withheld motions that a simulator moves by the logged commands, or why there are none."""
     why = sheets.replay_of(run.record).get("not_assessed")
-    sheet = sheets.tracking_sheet(run.record)
-    return blocks("replay", "Commands replayed in a simulator", sheet, *texts([why] if why else []))
+    parts = sheets.tracking_sheet(run.record), section.Text(why) if why else None
+    return section.blocks("replay", "Commands replayed in a simulator", *parts)
 
 
-def places(run: Run) -> Section | None:
+def places(run: section.Run) -> section.Section | None:
     """Places, amplitudes and probabilities."""
     r = run.record
     tables = (sheets.where_sheet(r), sheets.amplitude_sheet(r), sheets.probability_sheet(r))
-    return blocks("places", "Where and what", *tables)
+    return section.blocks("places", "Where and what", *tables)
 
 
-def not_assessed(run: Run) -> Section | None:
+def not_assessed(run: section.Run) -> section.Section | None:
     """Effects of which the log does not tell."""
     reasons = tuple((", ".join(names), why) for why, names in by_reason(run.record["missing"]).items())
-    return blocks("limits", "Not assessed", Facts(reasons) if reasons else None)
+    return section.blocks("limits", "Not assessed", section.Facts(reasons) if reasons else None)
 
 
 SECTIONS = (first, torque, replayed, places, not_assessed)
 
 
-def fitted(run: Run) -> Section:
+def fitted(run: section.Run) -> section.Section:
     """What is determined, and whether withheld torque errors are as expected."""
     record = run.record
     good = not record["words"]
@@ -130,18 +120,18 @@ def fitted(run: Run) -> Section:
     if record["withheld"] and not good:
         gap = f"bayescal gap {shlex.quote(run.folder)}/dataset"
         steps = [("Look for what the model does not explain:", gap), *steps]
-    return FirstScreen(word, tone, sign, [line], next=steps, warnings=record["warnings"]).section()
+    return section.FirstScreen(word, tone, sign, [line], next=steps, warnings=record["warnings"]).section()
 
 
-def errors(run: Run) -> Section | None:
+def errors(run: section.Run) -> section.Section | None:
     """Torque errors of withheld motions."""
-    return blocks("torque", "Withheld motions", sheets.withheld_sheet(run.record))
+    return section.blocks("torque", "Withheld motions", sheets.withheld_sheet(run.record))
 
 
-def parameters(run: Run) -> Section | None:
+def parameters(run: section.Run) -> section.Section | None:
     """All parameters, and what is determined only together."""
-    r = run.record
-    return blocks("parameters", "Parameters", sheets.parameter_sheet(r), *texts(r["combinations"], "quiet"))
+    together = section.texts(run.record["combinations"], "quiet")
+    return section.blocks("parameters", "Parameters", sheets.parameter_sheet(run.record), *together)
 
 
 FIT_SECTIONS = (fitted, errors, parameters)

@@ -252,11 +252,8 @@ def hand_eye_lines(record: Json) -> Facts:
         translation = ", ".join(f"{x:.3f}" for x in t["translation_mm"])
         turn = ", ".join(f"{x:.6f}" for x in t["quaternion_xyzw"])
         u = f"u {max(t['u_translation_mm']):.2g} mm, {max(t['u_rotation_deg']):.2g} deg"
-        yield (
-            "" if k else "hand-eye",
-            f"{t['child']} in {t['parent']}: {translation} mm; x y z w {turn}; {u}",
-            "",
-        )
+        words = f"{t['child']} in {t['parent']}: {translation} mm; x y z w {turn}; {u}"
+        yield "" if k else "hand-eye", words, ""
 
 
 def images_keys(record: Json) -> Iterator[tuple[str, str, str]]:

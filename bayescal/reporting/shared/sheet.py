@@ -109,6 +109,11 @@ def as_is(value: Any) -> Any:
     return value
 
 
+def headed(name: str, *further: str) -> Text:
+    """The heading of a result in the terminal: its name, and what follows, without what is empty."""
+    return Text.assemble((name, "bold"), *(f"  {text}" for text in further if text))
+
+
 def inside(within: bool) -> Text:
     """Whether a value lies within its prediction interval, in the terminal."""
     return Text("within", style="green") if within else Text("outside", style="yellow")
