@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayescal.reporting.shared.style import ACCENT, FAINT, INK, figure, png_of, tidy
+from bayescal.reporting.style import ACCENT, FAINT, INK, figure, png_of, tidy
 
 WORDS = {"planes": "contacts", "points": "points", "distances": "sphere distances"}
 

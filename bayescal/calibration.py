@@ -17,7 +17,7 @@ from bayescal.assess.findings import SEVERITIES, Assessed, Finding, findings, re
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
-from bayescal.assess.shared_causes import SharedCause, completed, judged_level, rejected_share
+from bayescal.assess.shared_causes import completed, judged_level, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of, parameters_of, possible
@@ -171,7 +171,10 @@ def _fit(
         excess_error, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
         checked = validate(estimated, z, kappa, excess_error.excess, of_noise, strict=False)
         levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, excess_error, checked))
-    complete, faces, causes, rigid = _complete(level, options, of_causes)
+    # with the form of uneven faces, rejected rows that share a cause, and bounds
+    result = completed(level, options.robust, of_causes)
+    faces, causes = result.faces, result.causes
+    complete, rigid = bounded(with_latent_readings(result.fitted) if options.latent_joints else result.fitted)
     excess_error = unexplained(complete)
     draws = _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint)
     progress("predict", 0.0)
@@ -216,18 +219,6 @@ def _fit(
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
         lacking, faces, expected, seen, tests, limitations, basis, decided, rigid, widths,
     )  # fmt: skip
-
-
-def _complete(
-    level: Estimate, options: FitOptions, seed: int
-) -> tuple[Estimate, tuple[FaceCheck, ...], tuple[SharedCause, ...], Rigid]:
-    """The last level with the form of uneven faces, rejected rows that share a cause, and bounds."""
-    result = completed(level, options.robust, seed)
-    level = result.fitted
-    if options.latent_joints:
-        level = with_latent_readings(level)
-    level, rigid = bounded(level)
-    return level, result.faces, result.causes, rigid
 
 
 def _sampled(

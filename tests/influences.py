@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from bayescal.reporting.shared.sheet import Sheet
+from bayescal.reporting.sheet import Sheet
 
 FACTOR = 1.25
 """By which a number is changed; a count is changed by 1."""

@@ -15,7 +15,7 @@ from rich.text import Text
 from analysis.blind.files import write_score
 from analysis.blind.rows import Row, bands, by_form, by_lambda, number, rows
 from analysis.pages import between, table
-from bayescal.reporting.shared.text import FigureTable, facts
+from bayescal.reporting.text import FigureTable, facts
 
 BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
 KINDS = {

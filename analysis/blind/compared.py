@@ -17,7 +17,7 @@ from analysis.blind.rows import of
 from analysis.blind.score import CLEAR, records
 from analysis.pages import table as markdown
 from bayescal.errors import BayescalError
-from bayescal.reporting.shared.text import FigureTable
+from bayescal.reporting.text import FigureTable
 
 BEGIN, END = "<!-- rounds: begin -->", "<!-- rounds: end -->"
 FIRST = "first round"

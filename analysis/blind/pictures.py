@@ -12,7 +12,7 @@ from analysis.blind.assessed import Record, false_names
 from analysis.blind.rates import value
 from analysis.blind.rows import bands
 from analysis.blind.shrunk import FAR, MEASURES, factors
-from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, TINTS, figure, tidy
+from bayescal.reporting.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, TINTS, figure, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -176,7 +176,7 @@ def _about(task: Task) -> dict[str, Any]:
 
 def _sealed(truth: str, answers: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The contents of answers.json, without computing times."""
-    from bayescal.reporting.shared.origin import LIBRARIES, software
+    from bayescal.reporting.origin import LIBRARIES, software
 
     return {
         "schema": seal.ANSWERED,

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.reporting.shared.style import ACCENT, GREY, INK, MARKED
+from bayescal.reporting.style import ACCENT, GREY, INK, MARKED
 from bayescal.robots import load_robot
 
 ROBOT = "fanuc-lrmate200ic"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import bayescal as bc
 from bayescal.effects import EFFECTS, Circumstances, Driver, Effect, Parameter, Setting, Site
 from bayescal.model import Scene, with_parameters
-from bayescal.reporting.shared.style import ACCENT, FAINT, INK, tidy
+from bayescal.reporting.style import ACCENT, FAINT, INK, tidy
 
 MICRO = 1e6
 MOST_BARS = 12

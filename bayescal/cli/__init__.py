@@ -8,10 +8,6 @@ from __future__ import annotations
 import os
 import sys
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from bayescal.cli.commands import app
-
 __all__ = ["app", "main"]
 
 
@@ -19,9 +15,9 @@ def __getattr__(name: str) -> object:
     """`app` with all commands, imported when it is first used."""
     if name != "app":
         raise AttributeError(f"module 'bayescal.cli' has no attribute '{name}'")
-    from bayescal.cli.commands import app
+    from bayescal.cli.entry import commands
 
-    return app
+    return commands()
 
 
 def main() -> None:

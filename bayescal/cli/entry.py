@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from functools import cache
 
 from bayescal.errors import BayescalError
 from bayescal.storage.stopping import Stopped, leave, stoppable
@@ -15,13 +16,25 @@ FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """A full disk, a limit on the size of files, an exhausted quota: no defect of ours."""
 
 
-def _commands() -> Callable[[], object]:
-    from bayescal.cli.commands import app
+ORDER = (
+    *("budget", "changed", "check", "compare", "compensate", "export", "fit", "fleet", "gap", "history"),
+    *("import_", "init", "schema", "plan", "report", "robots", "simulate", "verify", "watch"),
+)
+"""Of the commands in the help, by function."""
 
+
+@cache
+def commands() -> Callable[[], object]:
+    """The command with all its commands."""
+    # these modules register them; what others describe "as of `fit`" stands in the first
+    from bayescal.cli import evaluation, results, sessions  # noqa: F401
+    from bayescal.cli.root import app
+
+    app.registered_commands.sort(key=lambda command: ORDER.index(command.callback.__name__))  # type: ignore[union-attr]
     return app
 
 
-def run(load: Callable[[], Callable[[], object]] = _commands) -> None:
+def run(load: Callable[[], Callable[[], object]] = commands) -> None:
     """Run the command of this process; a `BayescalError` becomes one line and exit code 1.
 
     Parameters

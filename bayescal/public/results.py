@@ -300,7 +300,7 @@ class GapResult(Diagnosis, Positioned):
 
         from bayescal.reporting.fit.sheets import verdicts
         from bayescal.reporting.gap.summary import gap_summary
-        from bayescal.reporting.shared.text import facts
+        from bayescal.reporting.text import facts
 
         summary = gap_summary(self._new(), self.record)
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))

@@ -131,7 +131,7 @@ class CheckResult(Printed):
     def joints(self) -> DataFrame:
         """Of a joint log a row per joint: range, speeds, delays, filters; of a dataset empty."""
         from bayescal.reporting.check import joint_sheet
-        from bayescal.reporting.shared.sheet import frame
+        from bayescal.reporting.sheet import frame
 
         return frame(joint_sheet({"joints": self.record.get("joints", [])}), "joint")
 

@@ -15,8 +15,8 @@ from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
 from bayescal.reporting.motion.sheets import headed
-from bayescal.reporting.shared.sheet import Column, Sheet, screen
-from bayescal.reporting.shared.text import MISSING, Facts, by_reason, with_u
+from bayescal.reporting.sheet import Column, Sheet, screen
+from bayescal.reporting.text import MISSING, Facts, by_reason, with_u
 from bayescal.storage.reading import Json
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}

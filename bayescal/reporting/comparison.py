@@ -12,9 +12,9 @@ from rich.console import RenderableType
 
 from bayescal.effects import UNITS
 from bayescal.methods import Comparison, Result, Row, Solution
-from bayescal.reporting.shared.origin import entry, origin, plain
-from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, screen
-from bayescal.reporting.shared.text import UM, model_label, um
+from bayescal.reporting.origin import entry, origin, plain
+from bayescal.reporting.sheet import Column, Sheet, below, headed, screen
+from bayescal.reporting.text import UM, model_label, um
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 

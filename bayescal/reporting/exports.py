@@ -17,9 +17,9 @@ from bayescal.effects.selection import plain as without_setting
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.gap.sheets import per_vector
-from bayescal.reporting.shared.origin import plain, scaled
-from bayescal.reporting.shared.sheet import Column, Sheet, screen
-from bayescal.reporting.shared.text import MM, facts, listed, model_label, um, um2, under
+from bayescal.reporting.origin import plain, scaled
+from bayescal.reporting.sheet import Column, Sheet, screen
+from bayescal.reporting.text import MM, facts, listed, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
 from bayescal.verifying.result import Verification
 

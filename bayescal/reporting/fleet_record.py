@@ -8,7 +8,7 @@ from typing import Any
 
 from bayescal.effects import UNITS
 from bayescal.fleets.compare import Difference, Model, priors
-from bayescal.reporting.shared.origin import LIBRARIES, entry, plain, software
+from bayescal.reporting.origin import LIBRARIES, entry, plain, software
 from bayescal.storage.reading import Json, read_record
 
 FLEET, SCHEMA = "fleet.json", "bayescal-fleet/1"

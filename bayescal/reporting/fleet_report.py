@@ -12,11 +12,11 @@ from rich.text import Text
 
 from bayescal import __version__
 from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting import text
 from bayescal.reporting.fleet_record import PAGES
 from bayescal.reporting.page.section import FirstScreen, Section, blocks, page, texts
 from bayescal.reporting.page.section import Text as Paragraph
-from bayescal.reporting.shared import text
-from bayescal.reporting.shared.sheet import Column, Sheet, as_is, below, screen
+from bayescal.reporting.sheet import Column, Sheet, as_is, below, screen
 from bayescal.storage.reading import Json
 
 Link = Callable[[Json], Any]

@@ -15,11 +15,11 @@ from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.changed import COVERAGE, SMALL
+from bayescal.reporting.origin import entry, plain, software
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks, page
-from bayescal.reporting.shared.origin import entry, plain, software
-from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, of_key, screen
-from bayescal.reporting.shared.text import listed, probability, under, with_u, with_unit
+from bayescal.reporting.sheet import Column, Sheet, below, headed, of_key, screen
+from bayescal.reporting.text import listed, probability, under, with_u, with_unit
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json

@@ -15,8 +15,8 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.planning import result
 from bayescal.planning.result import DISTANCES, GAP, Plan
 from bayescal.planning.separate import NO_LEVER
-from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, of_key, screen, sheet_of_cells
-from bayescal.reporting.shared.text import NEVER, Facts, percent, size, um2, under
+from bayescal.reporting.sheet import Column, Sheet, below, headed, of_key, screen, sheet_of_cells
+from bayescal.reporting.text import NEVER, Facts, percent, size, um2, under
 
 
 def payloads(session: Dataset) -> np.ndarray:

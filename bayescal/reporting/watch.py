@@ -11,9 +11,9 @@ from rich.text import Text
 
 from bayescal.dataset.table import csv_text
 from bayescal.reporting.fit.record import fit_record, write_fit
-from bayescal.reporting.shared.origin import entry, origin, sized
-from bayescal.reporting.shared.style import ACCENT, GREY, MARKED, drawing, figure, png_of, tidy
-from bayescal.reporting.shared.text import UM, size, um, um2
+from bayescal.reporting.origin import entry, origin, sized
+from bayescal.reporting.style import ACCENT, GREY, MARKED, drawing, figure, png_of, tidy
+from bayescal.reporting.text import UM, size, um, um2
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json
 from bayescal.watching.update import ODD, Contact

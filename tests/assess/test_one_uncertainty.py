@@ -38,7 +38,7 @@ from bayescal.predict.forecast import workspace
 from bayescal.public.budgets import _as_written
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
-from bayescal.reporting.shared.text import um2
+from bayescal.reporting.text import um2
 from bayescal.simulation import Options, simulate
 
 COVERAGE = 0.9545

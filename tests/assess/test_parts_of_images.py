@@ -11,7 +11,7 @@ from bayescal.assess.images import images, side
 from bayescal.estimate import estimate
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
-from bayescal.reporting.shared.origin import images_keys, images_lines, images_record, images_sheet
+from bayescal.reporting.origin import images_keys, images_lines, images_record, images_sheet
 
 ZEROS = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
 

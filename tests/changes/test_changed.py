@@ -25,7 +25,7 @@ from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
 from bayescal.reporting.changed import _pose, changed_record, difference, found_from, items_csv, sized, words
-from bayescal.reporting.shared.text import with_u
+from bayescal.reporting.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
 SHIFT = 4e-4

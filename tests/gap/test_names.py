@@ -42,7 +42,7 @@ from bayescal.model.options import parts_of
 from bayescal.reporting.gap.causes import amplitude_records, line, lines, stated
 from bayescal.reporting.gap.phrases import named
 from bayescal.reporting.gap.sheets import amplitude_of
-from bayescal.reporting.shared.text import measured
+from bayescal.reporting.text import measured
 
 ALIKE = ("hardening", "hysteresis")
 

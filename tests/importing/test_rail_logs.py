@@ -6,7 +6,7 @@ from rails import folder_of
 from typer.testing import CliRunner
 
 from analysis.world import rail
-from bayescal.cli.commands import app
+from bayescal.cli import app
 from bayescal.dataset import read_dataset
 
 JOINTS = ", ".join(f"j{k}=A{k - 1} deg" for k in range(2, 8))

@@ -194,7 +194,7 @@ def test_an_arm_with_fewer_joints_is_one_line_with_exit_code_1(made, null_log, t
     import typer
     from click.testing import CliRunner
 
-    from bayescal.cli.commands import app
+    from bayescal.cli import app
 
     words = ["fit", str(made[0] / "contacts"), str(null_log), "--out", str(tmp_path / "run")]
     run = CliRunner().invoke(typer.main.get_command(app), words)

@@ -13,7 +13,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from typer.main import get_command
 
 import bayescal as bc
-from bayescal.cli.commands import app
+from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.motion.effects import EFFECTS

@@ -25,9 +25,9 @@ from bayescal.reporting.figures.estimates import BINS, weakest
 from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, figures_of, png
 from bayescal.reporting.fit.files import parameter_draws
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.shared.origin import rows_record
-from bayescal.reporting.shared.style import FAINT, INK, MARKED, NOISE, SERIES
-from bayescal.reporting.shared.text import level_labels
+from bayescal.reporting.origin import rows_record
+from bayescal.reporting.style import FAINT, INK, MARKED, NOISE, SERIES
+from bayescal.reporting.text import level_labels
 
 WIDTHS = (80, 160)
 LONG = "the upper sphere of the artefact that stands behind the column of the machine $a_1$"

@@ -10,7 +10,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import bayescal as bc
-from bayescal.cli.commands import app
+from bayescal.cli import app
 from bayescal.dataset import Record, write_dataset
 from bayescal.reporting.fleet_report import fleet_page
 

@@ -14,14 +14,13 @@ from bayescal.effects import UNITS as EFFECT_UNITS
 from bayescal.effects.location import Driver, joint
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import Amplitude, Event, NextContact, Pair, Suspect
-from bayescal.reporting import exports, fleet_report
+from bayescal.reporting import exports, fleet_report, origin
 from bayescal.reporting.gap import record as gap_file
 from bayescal.reporting.gap import summary
 from bayescal.reporting.page import build
 from bayescal.reporting.page import fit as fit_page
 from bayescal.reporting.page import plan as plan_page
 from bayescal.reporting.page.section import Run
-from bayescal.reporting.shared import origin
 
 PARTS = (
     *("magnitude", "where", "margins", "verdict", "shrinkage", "levels", "advice", "blind_spots"),

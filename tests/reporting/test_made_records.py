@@ -10,9 +10,9 @@ from influences import check_written, unseen
 
 from bayescal.reporting import check, comparison, fleet_record, watch
 from bayescal.reporting.gap.sheets import table_of_contacts
+from bayescal.reporting.origin import hand_eye_lines
 from bayescal.reporting.page import build, motion
 from bayescal.reporting.page.section import Run
-from bayescal.reporting.shared.origin import hand_eye_lines
 from bayescal.watching.update import Contact
 
 

@@ -16,6 +16,7 @@ from bayescal.effects.location import PROBE, face, joint, link
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.planning.result import Detectable
+from bayescal.reporting import origin
 from bayescal.reporting.check import joint_sheet
 from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
@@ -26,14 +27,13 @@ from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import _detectable, per_vector
 from bayescal.reporting.gap.summary import _measured
 from bayescal.reporting.motion.fit import replay_sheet
+from bayescal.reporting.origin import _signs, entry, plain
 from bayescal.reporting.page.common import _largest
 from bayescal.reporting.page.svg import prior_posterior
 from bayescal.reporting.plan_sheets import clearances, further, gain, least_favourable, travel
 from bayescal.reporting.plan_sheets import headline as plan_headline
-from bayescal.reporting.shared import origin
-from bayescal.reporting.shared.origin import _signs, entry, plain
-from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
-from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u
+from bayescal.reporting.sheet import Column, Sheet, frame, terminal
+from bayescal.reporting.text import FigureTable, parameter_notes, size, with_u
 from bayescal.storage.files import json_text
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)

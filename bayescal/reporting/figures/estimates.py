@@ -10,8 +10,8 @@ import numpy as np
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
 from bayescal.reporting.figures.sheet import MM_PER_PT, Entry, Panel, width_of
-from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, NOISE, SERIES
-from bayescal.reporting.shared.text import level_labels, measured, per_residual, with_unit
+from bayescal.reporting.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, NOISE, SERIES
+from bayescal.reporting.text import level_labels, measured, per_residual, with_unit
 from bayescal.storage.reading import Json
 
 MOST = 15

@@ -15,8 +15,8 @@ from bayescal.errors import BayescalError
 from bayescal.reporting.figures import estimates, residuals, where
 from bayescal.reporting.figures.estimates import Draws
 from bayescal.reporting.figures.sheet import WIDTH, Panel, into, sheet
-from bayescal.reporting.shared.style import DPI, drawing
-from bayescal.reporting.shared.text import model_label
+from bayescal.reporting.style import DPI, drawing
+from bayescal.reporting.text import model_label
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:

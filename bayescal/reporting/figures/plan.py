@@ -10,10 +10,10 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
+from bayescal.reporting.body import Outline, View, arm_drawing, fill, of_units, outlines, typical
 from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, count, headline, noun, title
-from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, of_units, outlines, typical
-from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, TINTS, figure, tidy
-from bayescal.reporting.shared.text import MM, UM
+from bayescal.reporting.style import ACCENT, FAINT, GREY, INK, MARKED, TINTS, figure, tidy
+from bayescal.reporting.text import MM, UM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

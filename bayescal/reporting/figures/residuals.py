@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from bayescal.effects.location import Site
+from bayescal.reporting.body import View, fill, joints_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.figures.where import significant
-from bayescal.reporting.shared.body import View, fill, joints_of, of_units, outlines, posed, typical
-from bayescal.reporting.shared.style import ACCENT, GREY, INK, MARKED, NOISE, SERIES
+from bayescal.reporting.style import ACCENT, GREY, INK, MARKED, NOISE, SERIES
 from bayescal.statistics import chi2_isf, rms
 from bayescal.storage.reading import Json
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayescal.reporting.figures.sheet import Entry, Panel, baseline, line, width, width_of, wrapped
-from bayescal.reporting.shared.style import GREY, INK, SIZE
+from bayescal.reporting.style import GREY, INK, SIZE
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis

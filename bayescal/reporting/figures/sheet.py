@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from bayescal.reporting.shared.style import DPI, GREY, INK, LARGER, SIZE, TICK
+from bayescal.reporting.style import DPI, GREY, INK, LARGER, SIZE, TICK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,8 +18,8 @@ import numpy as np
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
-from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, MARKED
-from bayescal.reporting.shared.text import not_assessed, per_residual, probability, rival, signed
+from bayescal.reporting.style import ACCENT, FAINT, GREY, MARKED
+from bayescal.reporting.text import not_assessed, per_residual, probability, rival, signed
 from bayescal.storage.reading import Json
 
 FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}

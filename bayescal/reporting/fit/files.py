@@ -22,9 +22,9 @@ from bayescal.posterior import Pointwise, pointwise, prior_draws
 from bayescal.posterior.inference import Record, Variables
 from bayescal.posterior.linearised import scale_names
 from bayescal.predict.validation import RowCheck
-from bayescal.reporting.shared.origin import entry, origin, plain, scaled
-from bayescal.reporting.shared.sheet import screen, sheet_of_cells
-from bayescal.reporting.shared.text import MISSING, MM, UM, Facts, percent, size, two_digits
+from bayescal.reporting.origin import entry, origin, plain, scaled
+from bayescal.reporting.sheet import screen, sheet_of_cells
+from bayescal.reporting.text import MISSING, MM, UM, Facts, percent, size, two_digits
 from bayescal.statistics import decimals_of
 
 SCHEMA = "bayescal-budget/1"

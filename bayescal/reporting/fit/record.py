@@ -24,12 +24,11 @@ from bayescal.posterior.inference import save
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
 from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, RowCheck
+from bayescal.reporting.body import arm_drawing
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.fit.files import budget_csv, budget_record, fit_draws, parameter_draws
 from bayescal.reporting.fit.sheets import agreement_record, disagreement
-from bayescal.reporting.page.build import PAGES, write_page
-from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import (
+from bayescal.reporting.origin import (
     FACTORS,
     LIBRARIES,
     by_target,
@@ -39,7 +38,8 @@ from bayescal.reporting.shared.origin import (
     plain,
     rows_record,
 )
-from bayescal.reporting.shared.text import MM, UM
+from bayescal.reporting.page.build import PAGES, write_page
+from bayescal.reporting.text import MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole

@@ -18,19 +18,9 @@ from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.validation import Validation
-from bayescal.reporting.shared import text
-from bayescal.reporting.shared.origin import entry
-from bayescal.reporting.shared.sheet import (
-    Bar,
-    Column,
-    Sheet,
-    as_is,
-    bar_of,
-    inside,
-    of_key,
-    screen,
-    sheet_of_cells,
-)
+from bayescal.reporting import text
+from bayescal.reporting.origin import entry
+from bayescal.reporting.sheet import Bar, Column, Sheet, as_is, bar_of, inside, of_key, screen, sheet_of_cells
 from bayescal.storage.reading import Json
 
 DECISIONS = {PASS: "green", FAIL: "red"}

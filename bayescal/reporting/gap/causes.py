@@ -14,8 +14,8 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.location import ARTEFACT, BASE, DEVIATION, Site, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
-from bayescal.reporting.shared.origin import entry, sized
-from bayescal.reporting.shared.text import listed, measured, with_u
+from bayescal.reporting.origin import entry, sized
+from bayescal.reporting.text import listed, measured, with_u
 
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""

@@ -28,8 +28,8 @@ from bayescal.reporting.gap.causes import (
     when,
 )
 from bayescal.reporting.gap.sheets import per_vector
-from bayescal.reporting.shared.origin import components_of
-from bayescal.reporting.shared.text import SURE, listed, probability, rival, um
+from bayescal.reporting.origin import components_of
+from bayescal.reporting.text import SURE, listed, probability, rival, um
 
 NO_PLACE = "at no single location"
 COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")

@@ -20,14 +20,14 @@ from bayescal.fitted.file import write_arm
 from bayescal.gap import result
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
+from bayescal.reporting.body import arm_drawing
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap import causes
 from bayescal.reporting.gap.phrases import class_record, components, headline, place, unshown, warnings
 from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
+from bayescal.reporting.origin import entry, images_record, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.page.build import write_page
-from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import entry, images_record, origin, plain, rows_record, scaled, sized
-from bayescal.reporting.shared.text import UM
+from bayescal.reporting.text import UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 

@@ -8,11 +8,11 @@ from bayescal.dataset.table import csv_text, joint_columns
 from bayescal.effects.location import Site, of_sign
 from bayescal.gap.result import MARGINS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
+from bayescal.reporting import text
 from bayescal.reporting.fit.sheets import level_sheet
-from bayescal.reporting.shared import text
-from bayescal.reporting.shared.origin import scaled
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
-from bayescal.reporting.shared.text import p_value
+from bayescal.reporting.origin import scaled
+from bayescal.reporting.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
+from bayescal.reporting.text import p_value
 from bayescal.storage.reading import Json
 
 UNMODELLED = ("unknown", "named+unexplained")

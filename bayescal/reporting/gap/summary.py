@@ -11,10 +11,10 @@ from rich.text import Text
 
 from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
+from bayescal.reporting import text
 from bayescal.reporting.gap import causes, sheets
-from bayescal.reporting.shared import text
-from bayescal.reporting.shared.origin import filed_lines, images_lines, scaled
-from bayescal.reporting.shared.sheet import Column, Sheet, headed, inside, screen, terminal
+from bayescal.reporting.origin import filed_lines, images_lines, scaled
+from bayescal.reporting.sheet import Column, Sheet, headed, inside, screen, terminal
 from bayescal.storage.reading import Json
 
 PLACES = 5

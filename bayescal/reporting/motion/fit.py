@@ -28,10 +28,10 @@ from bayescal.preparing.next_motions import PAUSE, MotionPlan
 from bayescal.reporting.fit import record as contacts
 from bayescal.reporting.motion import sheets
 from bayescal.reporting.motion.record import LIBRARIES, controller, origin, shown_unit, write_arm
+from bayescal.reporting.origin import plain, software
 from bayescal.reporting.page.build import write_page
-from bayescal.reporting.shared.origin import plain, software
-from bayescal.reporting.shared.sheet import Column, Sheet, below, headed, screen, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import Facts, listed, p_value, under
+from bayescal.reporting.sheet import Column, Sheet, below, headed, screen, sheet_of_cells, terminal
+from bayescal.reporting.text import Facts, listed, p_value, under
 from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled, whole

@@ -9,10 +9,10 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.effects.vocabulary import UNITS, unit_label
+from bayescal.reporting import sheet
 from bayescal.reporting.gap.summary import STYLES
-from bayescal.reporting.shared import sheet
-from bayescal.reporting.shared.sheet import Column, Sheet, below, screen, terminal
-from bayescal.reporting.shared.text import Facts, by_reason, probability, rival, share, under, with_u
+from bayescal.reporting.sheet import Column, Sheet, below, screen, terminal
+from bayescal.reporting.text import Facts, by_reason, probability, rival, share, under, with_u
 from bayescal.storage.reading import Json
 
 DISPLAYED = {

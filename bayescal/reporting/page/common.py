@@ -8,11 +8,11 @@ import numpy as np
 from markupsafe import Markup
 
 from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting.body import joints_of, typical
 from bayescal.reporting.page import section, svg
 from bayescal.reporting.page.svg import draw_arm, marked_sites, numbers
-from bayescal.reporting.shared.body import joints_of, typical
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
-from bayescal.reporting.shared.text import MISSING, length, share, two_digits
+from bayescal.reporting.sheet import Bar, Column, Sheet, as_is
+from bayescal.reporting.text import MISSING, length, share, two_digits
 from bayescal.storage.reading import Json
 
 LARGEST, MOST = 12, 200

@@ -12,12 +12,12 @@ from markupsafe import Markup
 from bayescal.effects import named
 from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted.gate import STEPS
+from bayescal.reporting import text
 from bayescal.reporting.figures.estimates import levelled
 from bayescal.reporting.fit import sheets
+from bayescal.reporting.origin import images_keys, images_sheet
 from bayescal.reporting.page import common, section, svg
-from bayescal.reporting.shared import text
-from bayescal.reporting.shared.origin import images_keys, images_sheet
-from bayescal.reporting.shared.sheet import Column, Sheet, as_is
+from bayescal.reporting.sheet import Column, Sheet, as_is
 from bayescal.statistics import rms
 from bayescal.storage.reading import Json
 

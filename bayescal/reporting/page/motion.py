@@ -10,7 +10,7 @@ from bayescal.reporting.motion import sheets
 from bayescal.reporting.page import section, svg
 from bayescal.reporting.page.common import CLIP
 from bayescal.reporting.page.gap import FIRST, doubt_of, verdict_of
-from bayescal.reporting.shared.text import by_reason, probability
+from bayescal.reporting.text import by_reason, probability
 from bayescal.storage.reading import Json
 
 KINDS = (("before", "dot", "Blue: model"), ("after", "check", "orange: with the effects"))

@@ -19,11 +19,11 @@ from bayescal.importing.onto import PLAN as CONTACTS
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting import plan_sheets
+from bayescal.reporting.origin import entry, origin, plain, sized
 from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks, page, picture
 from bayescal.reporting.plan_sheets import clearances, count, payloads
-from bayescal.reporting.shared.origin import entry, origin, plain, sized
-from bayescal.reporting.shared.sheet import Sheet
-from bayescal.reporting.shared.text import MM, UM
+from bayescal.reporting.sheet import Sheet
+from bayescal.reporting.text import MM, UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -237,7 +237,7 @@ def write_plan(
         File names.
     """
     from bayescal.reporting.figures.plan import draw_plan
-    from bayescal.reporting.shared.style import png_of
+    from bayescal.reporting.style import png_of
 
     later = commands(folder, plan.session.targets)
     texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}

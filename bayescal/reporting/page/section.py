@@ -24,7 +24,7 @@ from markupsafe import Markup, escape
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
-from bayescal.reporting.shared.sheet import Sheet
+from bayescal.reporting.sheet import Sheet
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import Json, read_record, run_record
 from bayescal.storage.writing import templates_beside

@@ -13,9 +13,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from bayescal.effects.location import Site
+from bayescal.reporting.body import Outline, View, joints_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures.residuals import marked_sites as figure_sites
 from bayescal.reporting.page.section import Run
-from bayescal.reporting.shared.body import Outline, View, joints_of, of_units, outlines, posed, typical
 
 WIDTH, HEIGHT = 360, 210
 LEFT, RIGHT, TOP, BOTTOM = 44, 8, 8, 36

@@ -17,8 +17,8 @@ from bayescal.arm.shapes import Box, Capsule
 from bayescal.model.scene import Scene
 from bayescal.probing.bodies import arm_capsules
 from bayescal.probing.scene import scene_of
-from bayescal.reporting.shared.origin import plain
-from bayescal.reporting.shared.text import MM
+from bayescal.reporting.origin import plain
+from bayescal.reporting.text import MM
 from bayescal.storage.reading import Json
 
 ROUND = 12

@@ -23,8 +23,8 @@ from bayescal.effects.vocabulary import UNITS
 from bayescal.estimate import Estimate
 from bayescal.model import Model
 from bayescal.model.model import length_blocks
-from bayescal.reporting.shared.sheet import Column, Sheet
-from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, amplitude, under, with_u
+from bayescal.reporting.sheet import Column, Sheet
+from bayescal.reporting.text import MDEG, MM, UM, Facts, amplitude, under, with_u
 from bayescal.storage.reading import Json
 
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba")

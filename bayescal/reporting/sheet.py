@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from rich.console import ConsoleRenderable, Group, RenderableType
 from rich.text import Text
 
-from bayescal.reporting.shared.text import MISSING, FigureTable, facts, length
+from bayescal.reporting.text import MISSING, FigureTable, facts, length
 
 if TYPE_CHECKING:
     from pandas import DataFrame

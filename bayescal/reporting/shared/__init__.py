@@ -1,1 +1,0 @@
-"""Shared by all reports: numbers as text, origin of a result."""
