@@ -28,7 +28,7 @@ from bayescal.fitted.arm import of_fit
 from bayescal.fleets.compare import Member, models_of, read_likelihood
 from bayescal.public.fleet import fleet
 from bayescal.public.fleet_results import robot_text
-from bayescal.reporting.fleet_report import counted, findings, learnt
+from bayescal.reporting.fleet import counted, findings, learnt
 from bayescal.statistics import rms
 
 ARMS, SPREAD = 12, 0.3

@@ -35,6 +35,8 @@ FARTHEST = 3e5
 """Days from which on no date is stated."""
 MOST = 8
 """Largest number of trends and steps."""
+UNDATED = "not all datasets state a date (record: date): the runs are in the order of their folders"
+"""Note where runs have no dates."""
 QUANTILES = (0.05, 0.5, 0.95)
 """Probabilities with which the limit is reached by the times that are stated."""
 
@@ -120,18 +122,17 @@ def history(
     scale = np.array([last[names[k % len(names)]].sd for k in chosen]) / per
     covariance = np.linalg.inv(information[np.ix_(chosen, chosen)] + np.eye(len(chosen)) / FREE**2)
     mean, covariance = scale * (covariance @ score[chosen]), covariance * np.outer(scale, scale)
-    courses = []
+    courses, place = [], {k % len(names): i for i, k in enumerate(chosen)}
     for j, name in enumerate(names):
-        index = next((i for i, k in enumerate(chosen) if k % len(names) == j), None)
         values = tuple(_value(e.arm, name) for e in entries)
         probability = float(1.0 / (1.0 + np.exp(-np.max(odds[j :: len(names)], initial=-50.0))))
-        if index is None:
-            courses.append(Course(last[name], values, "", 0.0, 0.0, probability))
-            continue
-        pattern = chosen[index] // len(names)
-        kind, since = (TREND, 0) if pattern < trends else (STEP, int(np.argmax(patterns[pattern] > 0)))
-        u = float(np.sqrt(covariance[index, index]))
-        courses.append(Course(last[name], values, kind, float(mean[index]), u, probability, since))
+        course = Course(last[name], values, "", 0.0, 0.0, probability)
+        if (i := place.get(j)) is not None:
+            pattern = chosen[i] // len(names)
+            kind, since = (TREND, 0) if pattern < trends else (STEP, int(np.argmax(patterns[pattern] > 0)))
+            u = float(np.sqrt(covariance[i, i]))
+            course = replace(course, kind=kind, size=float(mean[i]), u=u, since=since)
+        courses.append(course)
     drifts = [i for i, k in enumerate(chosen) if k // len(names) < trends]
     arm, when = entries[-1].arm, None
     in_last = {p.name for p in arm.model.parameters}
@@ -176,9 +177,8 @@ def _read(folder: Path, progress: Progress) -> list[Entry]:
     """The runs of one arm in a folder."""
     folders = sorted({p.parent for p in folder.glob(f"*/{ARM_FILE}")})
     if not folders:
-        raise BayescalError(
-            "there are no run folders in it", str(folder), "give a folder of runs of fit or gap"
-        )
+        remedy = "give a folder of runs of fit or gap"
+        raise BayescalError("there are no run folders in it", str(folder), remedy)
     entries: list[Entry] = []
     for k, run in enumerate(folders):
         progress("read", k / len(folders))
@@ -208,23 +208,19 @@ def _ordered(
         chosen, unit = sorted(entries, key=lambda e: (e.dates, _natural(e.folder))), DAY
     else:
         chosen, unit = sorted(entries, key=lambda e: _natural(e.folder)), SESSION
-        notes.append(
-            "not all datasets state a date (record: date): the runs are in the order of their folders"
-        )
+        notes.append(UNDATED)
     best: dict[str, Entry] = {}
     for e in chosen:
         before = best.get(e.arm.dataset.sha256)
         if before is not None:
-            notes.append(
-                f"{before.folder} and {e.folder} are of one dataset: the one with more parameters counts"
-            )
+            both = f"{before.folder} and {e.folder}"
+            notes.append(f"{both} are of one dataset: the one with more parameters counts")
         if before is None or len(e.arm.values) >= len(before.arm.values):
             best[e.arm.dataset.sha256] = e
     kept = [e for e in chosen if best[e.arm.dataset.sha256] is e]
     if len(kept) < 2:
-        raise BayescalError(
-            "a history needs the runs of two sessions", str(folder), "fit the other sessions too"
-        )
+        what = "a history needs the runs of two sessions"
+        raise BayescalError(what, str(folder), "fit the other sessions too")
     times = list(range(len(kept)))
     if unit == DAY:
         times = [date.fromisoformat(e.dates).toordinal() for e in kept]
@@ -240,9 +236,8 @@ def _information(entry: Entry, names: Sequence[str], last: Mapping[str, Paramete
     """What the measurements of a run tell: information (P, P) and score (P,), by the priors of `last`."""
     arm, model = entry.arm, entry.arm.model
     if arm.solved is None:
-        raise BayescalError(
-            "written by an earlier version", entry.folder, "repeat the command with this version"
-        )
+        remedy = "repeat the command with this version"
+        raise BayescalError("written by an earlier version", entry.folder, remedy)
     z, units = (arm.values - model.shift) / model.sd, np.outer(model.sd, model.sd)
     precision, pull = likelihood(z, arm.solved / units, arm.covariance / units)
     index = np.array([names.index(p.name) for p in model.parameters], int)

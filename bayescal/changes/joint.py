@@ -100,12 +100,9 @@ def tied(dataset: Dataset) -> tuple[Dataset, frozenset[str]]:
             certificates.setdefault((c.kind, names_of, c.distance), replace(c, targets=names_of))
     m = dataset.measurements
     index = np.array([kept.index(f) for f in first])
-    return replace(
-        dataset,
-        targets=targets,
-        certificates=tuple(certificates.values()),
-        measurements=replace(m, target=index[m.target]),
-    ), frozenset(shared.values())
+    every, measured = tuple(certificates.values()), replace(m, target=index[m.target])
+    alike = replace(dataset, targets=targets, certificates=every, measurements=measured)
+    return alike, frozenset(shared.values())
 
 
 def _same(one: object, other: object) -> bool:
@@ -138,9 +135,8 @@ def prepared(
         If they are not of one arm, or the model cannot be fitted.
     """
     if len(sessions) < 2:
-        raise BayescalError(
-            "a change needs two sessions", "", "name two dataset folders or more, in the order of time"
-        )
+        remedy = "name two dataset folders or more, in the order of time"
+        raise BayescalError("a change needs two sessions", "", remedy)
     dataset, placed = tied(joined(sessions, remounted, own_noise=False))
     ends = np.cumsum([len(s.measurements.ids) for s in dataset.sessions])
     row = np.arange(ends[-1])
@@ -241,11 +237,9 @@ def _of_model(
 def _rigid(name: str, site: Site, rows: np.ndarray | float) -> Iterator[Parameter]:
     """A displacement of the base in some rows: that of the targets of these, reversed."""
     for axis in AXES:
-        unit = "m" if axis[0] == "t" else "rad"
-        p = Parameter(
-            f"{name} {axis.removeprefix('t')}", unit, (Term(0, axis, rows),), MOVED[axis[0]], site=site
-        )
-        yield replace(p, effect=PLACEMENT)
+        unit, sd = "m" if axis[0] == "t" else "rad", MOVED[axis[0]]
+        label = f"{name} {axis.removeprefix('t')}"
+        yield Parameter(label, unit, (Term(0, axis, rows),), sd, site=site, effect=PLACEMENT)
 
 
 def listed(c: Circumstances, effects: tuple[str, ...]) -> Iterator[tuple[Effect, list[Parameter]]]:
@@ -361,9 +355,8 @@ def with_poses(dataset: Dataset, targets: Sequence[Target]) -> tuple[Dataset, li
     readings, tools, kept, reasons = [], [], [], []
     for target in targets:
         if target.tool is not None and target.tool not in names:
-            raise BayescalError(
-                f"there is no tool `{target.tool}`", target.where, f"known: {', '.join(names)}"
-            )
+            what = f"there is no tool `{target.tool}`"
+            raise BayescalError(what, target.where, f"known: {', '.join(names)}")
         tool = names.index(target.tool) if target.tool else int(np.bincount(m.tool).argmax())
         reading = target.readings
         if target.pose is not None:

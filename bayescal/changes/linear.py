@@ -195,12 +195,17 @@ def evidence(joint: Joint) -> Evidence:
                 form[i] = FORM * amplitude.get(key, 0.0)
     by = np.diag(np.concatenate([form, np.sqrt(np.where(size > NONE, size, 0.0))]))
     beside, along, _ = integrated(beside, along, by[:, np.any(by, axis=0)])
-    families_of = np.array(labels[:nuisance])
+    families_of, changes_of = np.array(labels[:nuisance]), slice(len(columns))
+    every = []
+    for label in dict.fromkeys(labels[:nuisance]):
+        members = len(columns) + np.flatnonzero(families_of == label)
+        inside = beside[np.ix_(members, members)]
+        every.append(Errors(beside[changes_of, members], inside, along[members], variances[label]))
     return Evidence(
         joint,
         columns,
-        beside[: len(columns), : len(columns)],
-        along[: len(columns)],
+        beside[changes_of, changes_of],
+        along[changes_of],
         start,
         follow,
         tuple(names[k] for k in kept),
@@ -209,16 +214,7 @@ def evidence(joint: Joint) -> Evidence:
         np.sqrt(np.bincount(session, scale**2) / np.bincount(session)),
         noise.share,
         variances,
-        tuple(
-            Errors(
-                beside[: len(columns), members],
-                beside[np.ix_(members, members)],
-                along[members],
-                variances[label],
-            )
-            for label in dict.fromkeys(labels[:nuisance])
-            for members in [len(columns) + np.flatnonzero(families_of == label)]
-        ),
+        tuple(every),
     )
 
 

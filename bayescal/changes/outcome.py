@@ -145,9 +145,8 @@ def changed(
     ]
     best = {m.item for m in sets.best.members}
     moved = [k in best or i.kind != "unknown" for k, i in enumerate(joint.items)]
-    moves = tcp_slopes(
-        joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
-    )
+    each = zip(joint.items, moved, strict=True)
+    moves = tcp_slopes(joint, [(p, used) for item, used in each for p in item.parameters])
     effect, shifts = _moved(sets, moves, [t.id for t in targets], reasons)
     noise, of_stops = e.noise.tolist(), e.of_stops.tolist()
     if back:

@@ -20,8 +20,7 @@ from bayescal.fleets.compare import Member, models_of, read_likelihood
 from bayescal.public.arms import names
 from bayescal.public.fleet_results import CSV, FleetResult, robot_text
 from bayescal.public.functions import MODEL, diagnose, fit, read_dataset
-from bayescal.reporting.fleet_record import FLEET, SCHEMA, fleet_record, session_entry, with_fit, with_gap
-from bayescal.reporting.fleet_report import fleet_page
+from bayescal.reporting import fleet as reporting
 from bayescal.storage.files import json_text, write_together
 from bayescal.storage.folders import LIST, check_unchanged
 from bayescal.storage.locks import alone
@@ -276,7 +275,7 @@ def _arms(arm: str, sessions: Sequence[str]) -> Callable[[Json], str | None]:
 
 def _check(folder: Path) -> None:
     """Refuse a folder with anything in it that neither is of a fleet nor of one that was interrupted."""
-    if _is_own(folder / FLEET, SCHEMA):
+    if _is_own(folder / reporting.FLEET, reporting.SCHEMA):
         return
     inside = _visible(folder)
     if any(p.name != BELOW for p in inside) or any(
@@ -310,20 +309,21 @@ def _entries(
     seen: dict[str, str] = {}
     for name, task in tasks.items():
         error = errors[name]
-        entry = session_entry(name, task.dataset, f"{BELOW}/{name}", "failed" if error else done[name], error)
+        status = "failed" if error else done[name]
+        entry = reporting.session_entry(name, task.dataset, f"{BELOW}/{name}", status, error)
         state = task.state()
         failed = {k: v for k, v in ((state["failed"] or {}).get("inputs") or {}).items() if k != "version"}
         # of a session that failed, what is of the same inputs
         commands = [c for c, inputs in state["done"].items() if not error or inputs == failed]
         if "fit" in commands:
-            entry = with_fit(entry, task.folder / "fit")
+            entry = reporting.with_fit(entry, task.folder / "fit")
             entry["arm"] = arm_of(entry)
             first = seen.setdefault(entry["sha256"], name)
             if first != name:
                 what = f"the same measurements as session {first}: not counted"
                 entry = {**entry, "status": "failed", "error": what, "arm": None}
         if "gap" in commands:
-            entry = with_gap(entry, task.folder / "gap")
+            entry = reporting.with_gap(entry, task.folder / "gap")
         out.append(entry)
     dated = all(e["date"] for e in out if e["arm"])
     return sorted(out, key=lambda e: str(e["date"])) if dated else out
@@ -337,14 +337,14 @@ def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
         k: "fleet-robot.yaml" if len(learnt) == 1 else f"fleet-robot-{number}.yaml"
         for number, k in enumerate(learnt, start=1)
     }
-    record = fleet_record(entries, models, options, robots)
+    record = reporting.fleet_record(entries, models, options, robots)
     texts: dict[Path, str | bytes] = {}
     for k in learnt:
         copy = folder / BELOW / models[k].members[0].session / "fit" / "dataset"
         texts[folder / robots[k]] = robot_text(models[k], read_dataset(copy).robot)
     result = FleetResult(record, folder)
-    texts |= {folder / CSV: result.csv, folder / "fleet.html": fleet_page(record)}
-    write_together({**texts, folder / FLEET: json_text(record)})
+    texts |= {folder / CSV: result.csv, folder / "fleet.html": reporting.fleet_page(record)}
+    write_together({**texts, folder / reporting.FLEET: json_text(record)})
     return result
 
 

@@ -279,16 +279,8 @@ def plan(
     for form in formats_of(names(to)):
         form.moves(where.dataset.robot)
     effects = names(model) or (open_.effects if open_ else MODEL)
-    options = PlanOptions(
-        usual_count(where) if contacts is None else contacts,
-        purpose,
-        effects,
-        tuple(names(levers)),
-        order,
-        candidates,
-        seed,
-        validation=validation,
-    )
+    count, varied = usual_count(where) if contacts is None else contacts, tuple(names(levers))
+    options = PlanOptions(count, purpose, effects, varied, order, candidates, seed, validation=validation)
     if open_:
         without = parts_of(open_.without, effects)
         options = replace(options, pairs=open_.pairs, without=without, probability=open_.probability)

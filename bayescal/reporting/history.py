@@ -162,9 +162,9 @@ def history_page(record: Json) -> str:
     """The page, as text."""
     with_change = changed(record)
     others = [p for p in record["parameters"] if not p["change"]]
-    word, tone, sign = (
-        (f"{len(with_change)} changed", "warn", "!") if with_change else ("Nothing changed", "good", "✓")
-    )
+    word, tone, sign = "Nothing changed", "good", "✓"
+    if with_change:
+        word, tone, sign = f"{len(with_change)} changed", "warn", "!"
     keys = [("sessions", str(len(record["runs"])), "runs of fit or gap")]
     if record["limit"]:
         middle = record["limit"]["time_after_last_run"][1]

@@ -10,6 +10,7 @@ import numpy as np
 from rich.text import Text
 
 from bayescal.dataset.table import csv_text
+from bayescal.gap.result import BlindSpot
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.origin import entry, origin, sized
 from bayescal.reporting.style import ACCENT, GREY, MARKED, drawing, figure, png_of, tidy
@@ -75,17 +76,16 @@ def watch_record(events: Sequence[Event], contacts: Sequence[Contact], asked: Wa
         "fits": [
             entry(e, "rows", "U_um", "k=distance.k", "seconds", "largest_change_u=moved")
             | {"rejected": [e.fit.dataset.measurements.ids[k] for k in e.fit.final.estimate.rejected]}
-            | {
-                "effects": [
-                    entry(s, "effect", "site")
-                    | sized(s, "smallest", "plausible") | entry(s, "distance_error_um")
-                    for s in e.spots
-                ]
-            }
+            | {"effects": [_spot(s) for s in e.spots]}
             for e in fits
         ],
         "notices": [entry(e, "kind", "text") for e in events if isinstance(e, Notice)],
-    }  # fmt: skip
+    }
+
+
+def _spot(s: BlindSpot) -> dict[str, Any]:
+    sizes = sized(s, "smallest", "plausible")
+    return entry(s, "effect", "site") | sizes | entry(s, "distance_error_um")
 
 
 def write_watch(

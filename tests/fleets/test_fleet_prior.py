@@ -11,7 +11,7 @@ from bayescal.effects.location import TOOL, joint
 from bayescal.estimate.moments import shifts
 from bayescal.fleets.compare import Likelihood, Member, likelihood_of, models_of, priors
 from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, widened
-from bayescal.reporting.fleet_record import _effects
+from bayescal.reporting.fleet import _effects
 
 K = 5
 PARAMETERS = tuple(

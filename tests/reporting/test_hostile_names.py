@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import bayescal as bc
 from bayescal.cli import app
 from bayescal.dataset import Record, write_dataset
-from bayescal.reporting.fleet_report import fleet_page
+from bayescal.reporting.fleet import fleet_page
 
 HOSTILE = (
     "[/]", "[bold]x[/bold]", "[link=http://a]y", ":smile:",

@@ -14,7 +14,7 @@ from bayescal.effects import UNITS as EFFECT_UNITS
 from bayescal.effects.location import Driver, joint
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import Amplitude, Event, NextContact, Pair, Suspect
-from bayescal.reporting import exports, fleet_report, origin
+from bayescal.reporting import exports, fleet, origin
 from bayescal.reporting.gap import record as gap_file
 from bayescal.reporting.gap import summary
 from bayescal.reporting.page import build
@@ -138,12 +138,12 @@ FLEET = {
 
 def test_every_number_of_a_fleet_is_shown():
     def shown(record):
-        tables = (fleet_report.arms, fleet_report.effects, fleet_report.sessions, fleet_report.findings)
-        each = [(fleet_report.parameters(m), fleet_report.learnt(m)) for m in record["models"]]
-        return [[table(record) for table in tables], each, fleet_report.counted(record)]
+        tables = (fleet.arms, fleet.effects, fleet.sessions, fleet.findings)
+        each = [(fleet.parameters(m), fleet.learnt(m)) for m in record["models"]]
+        return [[table(record) for table in tables], each, fleet.counted(record)]
 
     assert not unseen(shown, FLEET, "")
-    ((said,),) = (found for heading, found in fleet_report.findings(FLEET) if heading == "changed")
+    ((said,),) = (found for heading, found in fleet.findings(FLEET) if heading == "changed")
     assert "changed before session t" in said
     assert said.endswith("(26 comparisons)")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from influences import check_written, unseen
 
-from bayescal.reporting import check, comparison, fleet_record, watch
+from bayescal.reporting import check, comparison, fleet, watch
 from bayescal.reporting.gap.sheets import table_of_contacts
 from bayescal.reporting.origin import hand_eye_lines
 from bayescal.reporting.page import build, motion
@@ -160,6 +160,6 @@ def test_an_arm_of_a_fleet_has_the_uncertainty_of_its_last_session():
         for k, of in enumerate(sizes)
     ]
     model = SimpleNamespace(arms=("a",), robot="ur5e", unlike=(), changed=(), gains={"a": 3.0})
-    (arm,) = fleet_record._arms(sessions, (model,))
+    (arm,) = fleet._arms(sessions, (model,))
     assert {key: arm[key] for key in sizes[1]} == sizes[1]
     assert arm["sessions"] == ["s0", "s1"]

@@ -22,7 +22,7 @@ from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.fit.files import _labels
 from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
-from bayescal.reporting.fleet_report import parameters
+from bayescal.reporting.fleet import parameters
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import _detectable, per_vector
 from bayescal.reporting.gap.summary import _measured

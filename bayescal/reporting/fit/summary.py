@@ -43,28 +43,20 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
     v, checked = fit.final.validation, record["validation"]["distances"]
     title = headed(fit.dataset.name, fit.dataset.robot.name)
     use = gate.of_fit(fit)
-    result = [
-        *_verdict(fit.acceptance, use),
-        *_predicted(fit),
-        *images_lines(record),
-        *hand_eye_lines(record),
-    ]
+    result = [*_verdict(fit.acceptance, use), *_predicted(fit)]
+    result += [*images_lines(record), *hand_eye_lines(record)]
     steps = [*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]
     validated = v.planes or v.distances or v.points or v.turns
     parameters = sheets.parameter_table(record["parameters"], record["identifiability"], verbose)
     decided = record["acceptance"]["distances"] if verbose and record["acceptance"] else ()
-    return screen(
-        title,
-        result,
-        steps,
+    tables = (
         *below(sheets.validation_table(fit.levels) if validated else None),
         *below(sheets.distance_table(checked, verbose)),
         *(("", *_iso9283(record["iso9283"])) if verbose else ()),
         *below(Sheet(sheets.TOLERANCE, decided)),
         *below(parameters if fit.final.estimate.model.parameters else None),
-        "",
-        _details(fit, record, verbose),
     )
+    return screen(title, result, steps, *tables, "", _details(fit, record, verbose))
 
 
 def _iso9283(record: Json) -> Iterator[RenderableType]:

@@ -18,6 +18,7 @@ from bayescal.reporting.sheet import Sheet
 from bayescal.storage.reading import Json
 
 FIRST = "Measure more before a part is replaced."
+REPAIR = "Repair the machine as described above and measure again; or keep the effects in the model:"
 VERDICTS = {
     "null": ("good", "✓", "No effect above noise"),
     "named": ("bad", "✗", "Effect found"),
@@ -175,20 +176,16 @@ def _next(run: Run) -> list[tuple[str, str]]:
     record, dataset, out = run.record, run.datasets, []
     if record["named"]:
         options = text.model_options(record["refit"]["model"].split(","), record["refit"]["without"])
+        words = REPAIR
         if any(map(doubt_of, record["named"])):
             words = "Measure more, and diagnose again; to fit with the effects that are named:"
         elif record["class"]:
             words = "Fit with the effects that are found:"
-        else:
-            words = (
-                "Repair the machine as described above and measure again; or keep the effects in the model:"
-            )
-        larger = sheets.worse(record)
-        if larger:
+        step = (words, f"bayescal fit {dataset}{options}")
+        if larger := sheets.worse(record):
             what = f"with the effects that are named, errors of {text.listed(larger)} are larger"
-            out.append((f"Measure more, and diagnose again: {what}.", ""))
-        else:
-            out.append((words, f"bayescal fit {dataset}{options}"))
+            step = (f"Measure more, and diagnose again: {what}.", "")
+        out.append(step)
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     if _planned(record):

@@ -105,12 +105,9 @@ SECTIONS = (first, torque, replayed, places, not_assessed)
 def fitted(run: section.Run) -> section.Section:
     """What is determined, and whether withheld torque errors are as expected."""
     record = run.record
-    good = not record["words"]
-    word = (
-        "Withheld motions have the errors of the fitted ones"
-        if good
-        else "The fit does not explain the withheld motions"
-    )
+    good, word = True, "Withheld motions have the errors of the fitted ones"
+    if record["words"]:
+        good, word = False, "The fit does not explain the withheld motions"
     if not record["withheld"]:
         good, word = False, "No motion was withheld"
     total = len(record["parameters"])
