@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
 MODEL = ("geometry", "compliance")  # `effects.BASELINE`, which takes long to import
+OF_LOG = ("dataset", "progress", "checkpoint", "say")
+"""Arguments that a joint log has as well, whatever it is used for."""
 PRACTICE = ("name", "error_scale", "contacts", "later", "repeats", "arm_seed")
 """Options of a simulated session of a set-up, beside the effects and the seed."""
 
@@ -141,11 +143,7 @@ def fit(
 
     others, logs = motions.divided(dataset)
     if (folder := motions.log_of(logs)) is not None and not others:
-        motions.refuse(
-            "the calibration from a joint log", fit, model=names(model), without=names(without),
-            robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
-            latent_joints=latent_joints, tolerance_mm=tolerance_mm,
-        )  # fmt: skip
+        motions.refuse("the calibration from a joint log", fit, locals(), *OF_LOG, "samples", "seed")
         return motions.fit_log(folder, samples, seed, progress)
     session = session_of(others, remounted, True, allow_xacro)
     effects = names(model) or usual_model(session)
@@ -219,10 +217,7 @@ def diagnose(
     from bayescal.model.scene import Scene
 
     if (folder := motions.log_of(dataset)) is not None:
-        motions.refuse(
-            "the diagnosis of a joint log", diagnose, model=names(model), seed=seed, without=names(without),
-            robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
-        )  # fmt: skip
+        motions.refuse("the diagnosis of a joint log", diagnose, locals(), *OF_LOG)
         return motions.diagnose_log(folder, progress)
     # the sessions share a noise scale, so that their residuals are comparable
     session = session_of(dataset, remounted, False, allow_xacro)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from os import PathLike
@@ -194,10 +194,7 @@ class MotionPlanResult(Result):
         """
         from bayescal.reporting.motion.fit import write_plan
 
-        refuse(
-            "a plan of motions", MotionPlanResult.save, formats=tuple(formats), probe_input=probe_input,
-            probe_force_n=probe_force_n, probe_beyond_mm=probe_beyond_mm,
-        )  # fmt: skip
+        refuse("a plan of motions", MotionPlanResult.save, locals(), "self", "folder")
         return write_plan(self._new(), Path(folder), self.record)
 
     @property
@@ -227,10 +224,17 @@ def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) 
     return MotionFitResult(calibrate(read_log(folder), samples, seed, progress))
 
 
-def refuse(what: str, of: Callable[..., Any], **options: Any) -> None:
-    """Refuse options that a joint log does not have, unless they are the defaults of the function `of`."""
-    for name, given in options.items():
-        if given not in (signature(of).parameters[name].default, ""):
+def refuse(what: str, of: Callable[..., Any], given: Mapping[str, Any], *but: str) -> None:
+    """Refuse arguments of a function that a joint log lacks: all `but` some, unless they are defaults.
+
+    Names may be given as a sequence, or as a text with commas.
+    """
+    for name, parameter in signature(of).parameters.items():
+        value, usual = given[name], parameter.default
+        if isinstance(usual, tuple):
+            value = (value if isinstance(value, str) else ",".join(value)).replace(" ", "")
+            usual = ",".join(usual)
+        if name not in but and value not in (usual, ""):
             flag = f"--{RENAMED.get(name, name).replace('_', '-')}"
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
 

@@ -269,11 +269,7 @@ def plan(
     from bayescal.programs.probing import formats_of
 
     if (folder := motions.log_of(setup)) is not None:
-        motions.refuse(
-            "the plan of a joint log", plan, contacts=contacts, model=names(model), after=after, order=order,
-            seed=seed, levers=tuple(names(levers)), validation=validation, candidates=candidates,
-            allow_xacro=allow_xacro, purpose=purpose,
-        )  # fmt: skip
+        motions.refuse("the plan of a joint log", plan, locals(), "setup", "to", "progress")
         return motions.plan_log(folder)
     where, open_ = _setup(setup, after, allow_xacro)
     for form in formats_of(names(to)):

@@ -32,7 +32,6 @@ LEARNT = ("stated_sd=parameter.sd", "deviation=mean", "u_deviation=u_mean", "usu
 """Fields of a parameter of ``models``."""
 MOST_ROWS = 20
 """Arms that the terminal lists."""
-Link = Callable[[Json], Any]
 MEANING = (
     "An arm differs if a parameter of it is improbable under the distribution of the other arms; p is for "
     "all arms and parameters together (Bonferroni), by Student's t distribution of the effective number of "
@@ -157,15 +156,16 @@ def _effects(sessions: Sequence[Json]) -> list[Json]:
 
 def _effect(key: tuple[str, str, str], each: Sequence[tuple[str, Json]], sessions: Sequence[Json]) -> Json:
     """An effect at a site of a robot: `each` is an arm, and the effect as a session of it has it."""
-    (effect, site, robot), chances = key, dict[str, float]()
+    effect, _, robot = key
+    chances: dict[str, float] = {}
     for s in sessions:
         if s["robot"] == robot and s["gap"]:
             chances[s["arm"]] = max(chances.get(s["arm"], 0.0), s["probability"].get(effect) or 0.0)
     sizes = [e["value"] for _, e in each if e["value"] is not None]
-    return {
-        **{"effect": effect, "site": site, "robot": robot},
+    return dict(zip(("effect", "site", "robot"), key, strict=True)) | {
         "arms": list(dict.fromkeys(arm for arm, _ in each)),
-        **{"of": len(chances), "expected_arms": sum(chances.values())},
+        "of": len(chances),
+        "expected_arms": sum(chances.values()),
         "unit": each[0][1]["unit"],
         "values": [min(sizes), max(sizes)] if sizes else None,
     }
@@ -205,7 +205,7 @@ def stated(arm: Json, key: str) -> list[Json]:
     return [d for d in arm[key] if d["stated"]]
 
 
-def arms(record: Json, links: Link | None = None) -> Sheet:
+def arms(record: Json, links: Callable[[Json], Any] | None = None) -> Sheet:
     """The arms, those with findings first."""
     words = difference if links else lambda d: str(d["parameter"])
     columns = (
@@ -243,7 +243,7 @@ def _range(e: Json) -> str | None:
     return f"{low if low == high else f'{low} to {high}'} {unit_label(e['unit'])}".rstrip()
 
 
-def sessions(record: Json, links: Link | None = None) -> Sheet:
+def sessions(record: Json, links: Callable[[Json], Any] | None = None) -> Sheet:
     """Every session, those that failed first, with their reason."""
     columns = (
         Column("session", "session"),

@@ -10,8 +10,9 @@ from influences import check_written, unseen
 
 from bayescal.reporting import check, comparison, fleet, watch
 from bayescal.reporting.gap.sheets import table_of_contacts
+from bayescal.reporting.motion import sheets as motion
 from bayescal.reporting.origin import hand_eye_lines
-from bayescal.reporting.page import build, motion
+from bayescal.reporting.page import build
 from bayescal.reporting.page.section import Run
 from bayescal.watching.update import Contact
 

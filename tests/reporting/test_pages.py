@@ -26,8 +26,9 @@ from bayescal.model.scene import Scene
 from bayescal.reporting.body import arm_drawing, posed
 from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.motion import sheets as motion
 from bayescal.reporting.origin import rows_record
-from bayescal.reporting.page import build, motion
+from bayescal.reporting.page import build
 from bayescal.reporting.page import section as render
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.section import FIGURES, STILL, Run, _png, read_run
