@@ -21,7 +21,7 @@ from analysis.pages import published
 from analysis.pages import table as markdown
 from analysis.real_halves import modelled
 from analysis.records import Record, completed, real_arguments, real_folders
-from bayescal.changes.outcome import changed
+from bayescal.changes import changed
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.dataset.write import taken
 from bayescal.estimate.families import poses

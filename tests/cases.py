@@ -10,7 +10,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from bayescal.reporting.figures import process
+from bayescal.reporting import figures as process
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "data" / "lrmate200ic-cube"

@@ -19,7 +19,7 @@ from loops import asserting
 
 from bayescal.arm.chain import Robot
 from bayescal.calibration import VALIDATION_DRAWS
-from bayescal.reporting.figures import process
+from bayescal.reporting import figures as process
 from bayescal.reporting.page.build import BROWSERS
 from bayescal.robots import load_robot
 

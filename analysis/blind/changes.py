@@ -33,7 +33,7 @@ Record = dict[str, Any]
 
 def answer(folder: Path) -> dict[str, Any]:
     """What changed between two sessions."""
-    from bayescal.changes.outcome import changed
+    from bayescal.changes import changed
     from bayescal.dataset import read_dataset
     from bayescal.effects import BASELINE
     from bayescal.reporting.changed import changed_record

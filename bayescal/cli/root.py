@@ -162,8 +162,6 @@ def print_as(to: str, result: Any) -> None:
     elif to == "csv":
         sys.stdout.write(result.csv)
     else:
-        from bayescal.public.results import console
-
         console().print(result.report())
 
 

@@ -21,7 +21,7 @@ from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.estimate.moments import Shift, likelihood, shifts
 from bayescal.fitted.file import ARM_FILE, SCHEMA
-from bayescal.fleets.prior import FEWEST, Arms, Learnt, learn, left_out, widened
+from bayescal.fleets import FEWEST, Arms, Learnt, learn, left_out, widened
 from bayescal.model.options import family
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record

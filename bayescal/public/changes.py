@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
+from bayescal import changes as outcome
 from bayescal.changes import history as runs
-from bayescal.changes import outcome
 from bayescal.compensating.compensation import read_targets
 from bayescal.programs.text import Target
 from bayescal.public.arms import names

@@ -48,7 +48,7 @@ class MotionGapResult(Diagnosis):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.sheets import motion_summary
+        from bayescal.reporting.motion import motion_summary
 
         return motion_summary(self.record)
 
@@ -76,7 +76,7 @@ class MotionGapResult(Diagnosis):
     @property
     def shrinkage(self) -> DataFrame:
         """RMS of the residuals of withheld motions, N m or (servos without torques) deg, joint by joint."""
-        from bayescal.reporting.motion.sheets import shrinkage_of
+        from bayescal.reporting.motion import shrinkage_of
 
         return table(shrinkage_of(self.record)[1], "joint")
 

@@ -49,7 +49,7 @@ def as_text(renderable: RenderableType) -> str:
 
 def drawing_beside(wanted: bool) -> AbstractContextManager[None]:
     """Within, a second process draws the figures of the first result that is saved."""
-    from bayescal.reporting.figures.process import drawing_beside
+    from bayescal.reporting.figures import drawing_beside
 
     return drawing_beside(wanted)
 
@@ -171,7 +171,7 @@ class FitResult(Draws, Positioned):
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
         from rich.console import Group
 
-        from bayescal.reporting.fit.sheets import agreement_summary
+        from bayescal.reporting.fit import agreement_summary
         from bayescal.reporting.fit.summary import fit_summary
 
         summary = fit_summary(self._new(), self.record, verbose)
@@ -210,7 +210,7 @@ class FitResult(Draws, Positioned):
         `low95` and `high95` (ends of the 95 % interval), and `identifiable` ("yes", "weakly", "no"; empty
         for the pose of a target).
         """
-        from bayescal.reporting.fit.sheets import states
+        from bayescal.reporting.fit import states
 
         state = states(self.record["identifiability"])
         entries = (
@@ -298,7 +298,7 @@ class GapResult(Diagnosis, Positioned):
         """The summary, to be printed by a `rich.console.Console`."""
         from rich.console import Group
 
-        from bayescal.reporting.fit.sheets import verdicts
+        from bayescal.reporting.fit import verdicts
         from bayescal.reporting.gap.summary import gap_summary
         from bayescal.reporting.text import facts
 

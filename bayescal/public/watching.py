@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from bayescal.calibration import Fit
+    from bayescal.watching import Event, WatchOptions
     from bayescal.watching.update import Contact
-    from bayescal.watching.watch import Event, WatchOptions
 
 PLAN = "plan.json"
 
@@ -135,7 +135,7 @@ def watch(
     """
     from bayescal.dataset import read_dataset
     from bayescal.model.options import FitOptions
-    from bayescal.watching.watch import Complete, Watch, WatchOptions, watched
+    from bayescal.watching import Complete, Watch, WatchOptions, watched
 
     if enough_um is not None and not enough_um > 0:
         raise BayescalError(f"an uncertainty of {enough_um} µm", "--enough-um", "give a number above 0")

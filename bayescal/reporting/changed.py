@@ -12,14 +12,14 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text as Words
 
+from bayescal.changes import Changed, Detectable, Difference
 from bayescal.changes.joint import Shift
-from bayescal.changes.outcome import Changed, Detectable, Difference
 from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting import text
 from bayescal.reporting.origin import entry, filed, origin, plain
-from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, page, texts
+from bayescal.reporting.page import FirstScreen, Section, Text, blocks, page, texts
 from bayescal.reporting.sheet import Column, Sheet, below, headed, screen
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled

@@ -14,7 +14,7 @@ from bayescal.errors import listed
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.reporting.motion.sheets import headed
+from bayescal.reporting.motion import headed
 from bayescal.reporting.sheet import Column, Sheet, screen
 from bayescal.reporting.text import MISSING, Facts, by_reason, with_u
 from bayescal.storage.reading import Json

@@ -16,7 +16,7 @@ from bayescal.effects.geometry import TOOL
 from bayescal.effects.selection import plain as without_setting
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
-from bayescal.reporting.gap.sheets import per_vector
+from bayescal.reporting.gap import per_vector
 from bayescal.reporting.origin import plain, scaled
 from bayescal.reporting.sheet import Column, Sheet, screen
 from bayescal.reporting.text import MM, facts, listed, model_label, um, um2, under

@@ -18,8 +18,8 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.fleets.compare import Difference, Model, priors
 from bayescal.reporting import text
 from bayescal.reporting.origin import LIBRARIES, entry, plain, software
-from bayescal.reporting.page.section import FirstScreen, Section, blocks, page, texts
-from bayescal.reporting.page.section import Text as Paragraph
+from bayescal.reporting.page import FirstScreen, Section, blocks, page, texts
+from bayescal.reporting.page import Text as Paragraph
 from bayescal.reporting.sheet import Column, Sheet, as_is, below, screen
 from bayescal.storage.reading import Json, read_record
 

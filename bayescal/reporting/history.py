@@ -16,8 +16,7 @@ from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.changed import COVERAGE, SMALL
 from bayescal.reporting.origin import entry, plain, software
-from bayescal.reporting.page import svg
-from bayescal.reporting.page.section import Figures, FirstScreen, blocks, page
+from bayescal.reporting.page import Figures, FirstScreen, blocks, page, svg
 from bayescal.reporting.sheet import Column, Sheet, below, headed, of_key, screen
 from bayescal.reporting.text import listed, probability, under, with_u, with_unit
 from bayescal.storage.files import json_text

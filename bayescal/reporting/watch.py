@@ -17,8 +17,8 @@ from bayescal.reporting.style import ACCENT, GREY, MARKED, drawing, figure, png_
 from bayescal.reporting.text import UM, size, um, um2
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json
+from bayescal.watching import SHIFTED, Complete, Event, Notice, WatchOptions
 from bayescal.watching.update import ODD, Contact
-from bayescal.watching.watch import SHIFTED, Complete, Event, Notice, WatchOptions
 
 SCHEMA = "bayescal-watch/1"
 RECORD, TABLE, FIGURE = "watch.json", "watch.csv", "watch.png"

@@ -12,9 +12,8 @@ from sessions import misread, tracker, with_columns, with_rows
 
 import bayescal as bc
 from bayescal.arm.motion import Term
-from bayescal.changes import linear
+from bayescal.changes import changed, linear
 from bayescal.changes.joint import AT, Shift, prepared, tied
-from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
 from bayescal.effects import UNITS, Parameter
@@ -213,7 +212,7 @@ def test_ids_of_a_table_name_its_poses_and_columns_without_use_are_said(crashed,
         read.extend(targets)
         return crashed
 
-    monkeypatch.setattr("bayescal.changes.outcome.changed", found)
+    monkeypatch.setattr("bayescal.changes.changed", found)
     joints = ",".join(f"j{k}_deg" for k in range(1, 7))
     (tmp_path / "at.csv").write_text(f"id,{joints},fixture\ngrasp,0,0,0,0,0,0,left\n")
     result = bc.changed(crashed.sessions, "geometry", at=tmp_path / "at.csv")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sessions import reflectors
 
-from bayescal.changes.outcome import changed
+from bayescal.changes import changed
 from bayescal.changes.stops import KIND, Covariance, Stops
 from bayescal.public.changes import ChangedResult
 

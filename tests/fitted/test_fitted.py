@@ -34,8 +34,8 @@ from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
+from bayescal.reporting.page import Run
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.section import Run
 from bayescal.simulation import Options, simulate
 
 MOVING = tuple(

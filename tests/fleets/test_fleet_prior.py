@@ -9,8 +9,8 @@ from scipy.stats import multivariate_normal, norm
 from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import TOOL, joint
 from bayescal.estimate.moments import shifts
+from bayescal.fleets import SPREAD, Arms, learn, left_out, log_score, widened
 from bayescal.fleets.compare import Likelihood, Member, likelihood_of, models_of, priors
-from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, widened
 from bayescal.reporting.fleet import _effects
 
 K = 5

@@ -11,9 +11,9 @@ from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import _poses
 from bayescal.effects.location import BASE, TOOL, Driver
 from bayescal.gap.result import CauseClass, Event
+from bayescal.reporting.gap import measured_as
 from bayescal.reporting.gap.causes import beside_base, event_record, when
 from bayescal.reporting.gap.phrases import _class, _separates
-from bayescal.reporting.gap.sheets import measured_as
 
 
 @pytest.mark.parametrize(("mount", "other"), [("flange", "board"), ("fixed", "fixed camera")])

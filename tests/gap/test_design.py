@@ -36,8 +36,8 @@ from bayescal.gap.search.candidates import candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
+from bayescal.reporting.gap import first_contacts, table_of_contacts
 from bayescal.reporting.gap.record import contact_records
-from bayescal.reporting.gap.sheets import first_contacts, table_of_contacts
 from bayescal.simulation import Options, simulate
 
 BASE = ("geometry", "compliance")

@@ -310,7 +310,7 @@ def test_a_singular_event_is_left_out(waved, explained, monkeypatch):
 def test_files_that_fail_are_left_out(waved, explained, monkeypatch, tmp_path):
     monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: explained)
     gap = diagnose(waved, MODEL)
-    for stage in ("gap.record.of_gap", "figures.process.figures_of"):
+    for stage in ("gap.record.of_gap", "figures.figures_of"):
         monkeypatch.setattr(f"bayescal.reporting.{stage}", failing(RuntimeError("no canvas")))
     files = write_gap(gap, tmp_path / "out", gap_record(gap))
     assert files == ("gap.json", "gap.html")

@@ -39,9 +39,9 @@ from bayescal.gap.search.verdict import (
 )
 from bayescal.model import ARM
 from bayescal.model.options import parts_of
+from bayescal.reporting.gap import amplitude_of
 from bayescal.reporting.gap.causes import amplitude_records, line, lines, stated
 from bayescal.reporting.gap.phrases import named
-from bayescal.reporting.gap.sheets import amplitude_of
 from bayescal.reporting.text import measured
 
 ALIKE = ("hardening", "hysteresis")

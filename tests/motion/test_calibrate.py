@@ -27,8 +27,8 @@ from bayescal.motion.settings import BASELINE
 from bayescal.motion.signals import where_moving
 from bayescal.motion.terms import BODY, Term, nominal
 from bayescal.public.motions import MotionFitResult
+from bayescal.reporting.motion import size_text
 from bayescal.reporting.motion.fit import fit_record, fit_summary
-from bayescal.reporting.motion.sheets import size_text
 from bayescal.robots.schema import SIX
 
 

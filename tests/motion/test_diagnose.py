@@ -16,8 +16,8 @@ from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
 from bayescal.motion.diagnose import diagnose
+from bayescal.reporting.motion import beyond_stated, motion_summary
 from bayescal.reporting.motion import record as of_log
-from bayescal.reporting.motion.sheets import beyond_stated, motion_summary
 
 BUMP = 0.4
 

@@ -10,8 +10,7 @@ from bayescal.motion.effects import SATURATES, Form
 from bayescal.motion.search import NULL, UNKNOWN, Hypothesis, Verdict, _explained, confirmed
 from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import Signals
-from bayescal.reporting.motion import record
-from bayescal.reporting.motion.sheets import size_text
+from bayescal.reporting.motion import record, size_text
 
 LEFT = {"null": 3.0, "named": 1.0}
 """N m, residuals while the arm moves, of the baseline and with the named effect."""

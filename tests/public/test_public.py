@@ -271,8 +271,7 @@ def test_options_of_changes_arrive(tmp_path, remounted, robust):
     (tmp_path / "at.csv").write_text("id,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\ngrasp,0,10,-20,0,30,0\n")
     options = {"remounted": remounted, "robust": robust, "at": tmp_path / "at.csv"}
     got = spied(
-        "bayescal.changes.outcome.changed",
-        lambda: bc.changed([session, session], "geometry, step", **options),
+        "bayescal.changes.changed", lambda: bc.changed([session, session], "geometry, step", **options)
     )
     assert (got["remounted"], got["robust"]) == (remounted, robust)
     assert got["effects"] == ("geometry", "step")

@@ -15,8 +15,8 @@ from test_pages import EVIL, record_of, renamed
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.body import placed
+from bayescal.reporting.page import Run
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.section import Run
 
 NARROW, WIDE = 380, 900
 WAIT = 180_000

@@ -20,7 +20,8 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
-from bayescal.reporting.figures import estimates, process, residuals, where
+from bayescal.reporting import figures as process
+from bayescal.reporting.figures import estimates, residuals, where
 from bayescal.reporting.figures.estimates import BINS, weakest
 from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, figures_of, png
 from bayescal.reporting.fit.files import parameter_draws

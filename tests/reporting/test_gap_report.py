@@ -40,15 +40,15 @@ from bayescal.gap.result import (
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
+from bayescal.reporting.gap import improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.causes import CAUSES, sentence
 from bayescal.reporting.gap.phrases import headline, named, place
 from bayescal.reporting.gap.record import gap_record, write_gap
-from bayescal.reporting.gap.sheets import improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.reporting.origin import possible
+from bayescal.reporting.page import Run
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.gap import faults, verdict_of
-from bayescal.reporting.page.section import Run
 from bayescal.reporting.text import reduction
 
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}

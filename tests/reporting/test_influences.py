@@ -17,10 +17,9 @@ from bayescal.gap.result import Amplitude, Event, NextContact, Pair, Suspect
 from bayescal.reporting import exports, fleet, origin
 from bayescal.reporting.gap import record as gap_file
 from bayescal.reporting.gap import summary
-from bayescal.reporting.page import build
+from bayescal.reporting.page import Run, build
 from bayescal.reporting.page import fit as fit_page
 from bayescal.reporting.page import plan as plan_page
-from bayescal.reporting.page.section import Run
 
 PARTS = (
     *("magnitude", "where", "margins", "verdict", "shrinkage", "levels", "advice", "blind_spots"),

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from influences import check_written, unseen
 
-from bayescal.reporting import check, comparison, fleet, watch
-from bayescal.reporting.gap.sheets import table_of_contacts
-from bayescal.reporting.motion import sheets as motion
+from bayescal.reporting import check, comparison, fleet, motion, watch
+from bayescal.reporting.gap import table_of_contacts
 from bayescal.reporting.origin import hand_eye_lines
-from bayescal.reporting.page import build
-from bayescal.reporting.page.section import Run
+from bayescal.reporting.page import Run, build
 from bayescal.watching.update import Contact
 
 

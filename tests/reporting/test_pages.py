@@ -23,15 +23,14 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import OTHER
 from bayescal.model.scene import Scene
+from bayescal.reporting import motion
+from bayescal.reporting import page as render
 from bayescal.reporting.body import arm_drawing, posed
 from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.motion import sheets as motion
 from bayescal.reporting.origin import rows_record
-from bayescal.reporting.page import build
-from bayescal.reporting.page import section as render
+from bayescal.reporting.page import FIGURES, STILL, Run, _png, build, read_run
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.section import FIGURES, STILL, Run, _png, read_run
 from bayescal.reporting.page.svg import draw_arm, marked_sites, ticks
 from bayescal.reporting.text import length
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-import bayescal.reporting.figures.process as process
+import bayescal.reporting.figures as process
 from bayescal.reporting.figures.figures import FIT
 
 

@@ -20,11 +20,11 @@ from bayescal.reporting import origin
 from bayescal.reporting.check import joint_sheet
 from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
+from bayescal.reporting.fit import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
 from bayescal.reporting.fit.files import _labels
-from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
 from bayescal.reporting.fleet import parameters
+from bayescal.reporting.gap import _detectable, per_vector
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.gap.sheets import _detectable, per_vector
 from bayescal.reporting.gap.summary import _measured
 from bayescal.reporting.motion.fit import replay_sheet
 from bayescal.reporting.origin import _signs, entry, plain

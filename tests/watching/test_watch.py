@@ -18,9 +18,7 @@ from bayescal.model import ARM
 from bayescal.model.model import with_parameters
 from bayescal.model.parts import continued
 from bayescal.model.scene import Scene
-from bayescal.watching import update
-from bayescal.watching.update import Contact
-from bayescal.watching.watch import (
+from bayescal.watching import (
     ENOUGH,
     PLANNED,
     QUIET,
@@ -31,8 +29,10 @@ from bayescal.watching.watch import (
     WatchOptions,
     begun,
     followed,
+    update,
     watched,
 )
+from bayescal.watching.update import Contact
 
 MODEL = ("geometry", "compliance")
 TABLE = "measurements.csv"

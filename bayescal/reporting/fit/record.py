@@ -25,9 +25,9 @@ from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
 from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, RowCheck
 from bayescal.reporting.body import arm_drawing
-from bayescal.reporting.figures.process import begun
+from bayescal.reporting.figures import begun
+from bayescal.reporting.fit import agreement_record, disagreement
 from bayescal.reporting.fit.files import budget_csv, budget_record, fit_draws, parameter_draws
-from bayescal.reporting.fit.sheets import agreement_record, disagreement
 from bayescal.reporting.origin import (
     FACTORS,
     LIBRARIES,

@@ -18,8 +18,8 @@ from bayescal.fitted.gate import STEPS, Use
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.predict.validation import Errors, Validation
+from bayescal.reporting import fit as sheets
 from bayescal.reporting import text
-from bayescal.reporting.fit import sheets
 from bayescal.reporting.origin import filed_lines, hand_eye_lines, images_lines
 from bayescal.reporting.sheet import Sheet, below, headed, screen, terminal
 from bayescal.storage.reading import Json

@@ -21,10 +21,9 @@ from bayescal.gap import result
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.body import arm_drawing
-from bayescal.reporting.figures.process import begun
-from bayescal.reporting.gap import causes
+from bayescal.reporting.figures import begun
+from bayescal.reporting.gap import causes, per_vector, table_of_contacts
 from bayescal.reporting.gap.phrases import class_record, components, headline, place, unshown, warnings
-from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.origin import entry, images_record, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.text import UM

@@ -11,8 +11,9 @@ from rich.text import Text
 
 from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
+from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
-from bayescal.reporting.gap import causes, sheets
+from bayescal.reporting.gap import causes
 from bayescal.reporting.origin import filed_lines, images_lines, scaled
 from bayescal.reporting.sheet import Column, Sheet, headed, inside, screen, terminal
 from bayescal.storage.reading import Json

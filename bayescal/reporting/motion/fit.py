@@ -25,8 +25,8 @@ from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.together import Together
 from bayescal.posterior.inference import Record, save
 from bayescal.preparing.next_motions import PAUSE, MotionPlan
+from bayescal.reporting import motion as sheets
 from bayescal.reporting.fit import record as contacts
-from bayescal.reporting.motion import sheets
 from bayescal.reporting.motion.record import LIBRARIES, controller, origin, shown_unit, write_arm
 from bayescal.reporting.origin import plain, software
 from bayescal.reporting.page.build import write_page

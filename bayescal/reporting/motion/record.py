@@ -17,7 +17,7 @@ from bayescal.motion.diagnose import Amplitude, MotionGap, Place
 from bayescal.motion.effects import EFFECTS, Form, at_speed
 from bayescal.motion.search import OTHER, Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
-from bayescal.reporting.motion.sheets import LEAST, size_text
+from bayescal.reporting.motion import LEAST, size_text
 from bayescal.reporting.origin import entry, plain, record_of, software
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.text import SURE, listed, probability

@@ -19,12 +19,10 @@ from bayescal import __version__
 from bayescal.errors import BayescalError
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
-from bayescal.reporting import text
-from bayescal.reporting.motion import sheets as motion
+from bayescal.reporting import motion, text
 from bayescal.reporting.origin import filed
-from bayescal.reporting.page import fit, gap
+from bayescal.reporting.page import GENERATOR, Facts, Run, Section, Text, blocks, fit, gap, page, read_run
 from bayescal.reporting.page.common import inputs, interactive
-from bayescal.reporting.page.section import GENERATOR, Facts, Run, Section, Text, blocks, page, read_run
 from bayescal.reporting.sheet import Bar, Column, Sheet, as_is, of_key, sheet_of_cells
 from bayescal.storage.files import write_together
 from bayescal.storage.folders import LIST, whole

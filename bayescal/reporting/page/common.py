@@ -8,8 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting import page
 from bayescal.reporting.body import joints_of, typical
-from bayescal.reporting.page import section, svg
+from bayescal.reporting.page import svg
 from bayescal.reporting.page.svg import draw_arm, marked_sites, numbers
 from bayescal.reporting.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.text import MISSING, length, share, two_digits
@@ -24,19 +25,19 @@ CLIP = 0.985
 """Quantile of the absolute residuals that a drawing covers."""
 
 
-def noise(run: section.Run) -> float | None:
+def noise(run: page.Run) -> float | None:
     """Noise of a contact, or of the length of a point's error vector, µm."""
     record = run.record
     value = record["noise"]["estimated_um"] if run.kind == "fit" else record["lengths"]["noise_um"]
     return None if value is None else float(value)
 
 
-def signed(run: section.Run) -> bool:
+def signed(run: page.Run) -> bool:
     """Whether residuals have a sign: those of contacts do, lengths of error vectors do not."""
     return any((r or 0.0) < 0 for r in run.rows["residual_um"])
 
 
-def interactive(run: section.Run) -> dict[str, Any] | None:
+def interactive(run: page.Run) -> dict[str, Any] | None:
     """What the page's script draws; None for a record without rows."""
     if not run.drawable:
         return None
@@ -63,30 +64,30 @@ def interactive(run: section.Run) -> dict[str, Any] | None:
     }
 
 
-def scene(run: section.Run) -> section.Section | None:
+def scene(run: page.Run) -> page.Section | None:
     """The arm in 3-D with its contacts."""
     if not run.drawable:
         return None
     drawing = draw_arm(run, contacts=True)
-    return section.Section("arm", "Arm and measurements", "scene.html.j2", {"drawing": drawing})
+    return page.Section("arm", "Arm and measurements", "scene.html.j2", {"drawing": drawing})
 
 
-def residuals(run: section.Run, *tables: section.Block | None) -> section.Section | None:
+def residuals(run: page.Run, *tables: page.Block | None) -> page.Section | None:
     """Residuals over time and over the angle of each joint, and tables by group."""
     if not run.drawable:
-        return section.blocks("residuals", "Residuals", *tables)
-    parts = [_drawings(run), section.Text(_legend(run), "quiet"), *section.not_empty(tables), _largest(run)]
+        return page.blocks("residuals", "Residuals", *tables)
+    parts = [_drawings(run), page.Text(_legend(run), "quiet"), *page.not_empty(tables), _largest(run)]
     title = "Residuals before the refit" if run.refitted else "Residuals"
-    return section.Section("residuals", title, "residuals.html.j2", {"blocks": parts})
+    return page.Section("residuals", title, "residuals.html.j2", {"blocks": parts})
 
 
-def _legend(run: section.Run) -> str:
+def _legend(run: page.Run) -> str:
     band = noise(run)
     grey = f" Grey band: twice the noise of {length(band)} µm." if band is not None else ""
     return f"Blue: fitted measurements; orange: validation measurements; triangles: off scale.{grey}"
 
 
-def _drawings(run: section.Run) -> section.Figures:
+def _drawings(run: page.Run) -> page.Figures:
     rows = run.rows
     r = np.array(rows["residual_um"], float)
     keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
@@ -112,10 +113,10 @@ def _drawings(run: section.Run) -> section.Figures:
         groups = [(style, x[some], r[some]) for style, some in kinds]
         return "", svg.scatter(groups, (label, y_label), band, f"Residuals over {label}", ends)
 
-    return section.Figures(tuple(drawn(label, x) for label, x in coordinates))
+    return page.Figures(tuple(drawn(label, x) for label, x in coordinates))
 
 
-def _largest(run: section.Run) -> Sheet:
+def _largest(run: page.Run) -> Sheet:
     rows = {key: values for key, values in run.rows.items() if values is not None}
     items = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
     items.sort(key=lambda row: -1.0 if row["residual_um"] is None else abs(row["residual_um"]), reverse=True)
@@ -147,7 +148,7 @@ MEASURANDS = (
 )
 
 
-def budget(run: section.Run) -> section.Section | None:
+def budget(run: page.Run) -> page.Section | None:
     """The uncertainty budget, where there is one: all measurands, components of one of each kind."""
     if run.budget is None:
         return None
@@ -155,7 +156,7 @@ def budget(run: section.Run) -> section.Section | None:
     every = Sheet(MEASURANDS, each, "Measurands; all components are in budget.json and budget.csv", 8)
     kinds = {one["kind"]: one for one in reversed(each)}  # the first of each kind
     tables = [_components(one) for one in each if kinds[one["kind"]] is one]
-    return section.blocks("budget", "Uncertainty budget", every, *tables)
+    return page.blocks("budget", "Uncertainty budget", every, *tables)
 
 
 def _components(one: Json) -> Sheet:
@@ -191,15 +192,15 @@ def _components(one: Json) -> Sheet:
     return Sheet(columns, ranked, f"Components of: {one['measurand']}", 10)
 
 
-def figures(run: section.Run) -> section.Section | None:
+def figures(run: page.Run) -> page.Section | None:
     """Figures of the run folder, as pictures with text alternatives."""
     if not run.figures:
         return None
-    pictures = [section.picture(section.FIGURES[name], content) for name, content in run.figures.items()]
-    return section.Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
+    pictures = [page.picture(page.FIGURES[name], content) for name, content in run.figures.items()]
+    return page.Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
 
 
-def inputs(run: section.Run) -> section.Section | None:
+def inputs(run: page.Run) -> page.Section | None:
     """Dataset with its hash, options, seed, versions."""
     record = run.record
     dataset = record["dataset"]
@@ -216,4 +217,4 @@ def inputs(run: section.Run) -> section.Section | None:
         ("seed", str(record["seed"])),
         ("versions", ", ".join(f"{name} {v}" for name, v in record["software"].items())),
     ]
-    return section.blocks("inputs", "Inputs and versions", section.Facts(tuple(lines)))
+    return page.blocks("inputs", "Inputs and versions", page.Facts(tuple(lines)))

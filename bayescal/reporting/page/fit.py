@@ -12,11 +12,11 @@ from markupsafe import Markup
 from bayescal.effects import named
 from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted.gate import STEPS
-from bayescal.reporting import text
+from bayescal.reporting import fit as sheets
+from bayescal.reporting import page, text
 from bayescal.reporting.figures.estimates import levelled
-from bayescal.reporting.fit import sheets
 from bayescal.reporting.origin import images_keys, images_sheet
-from bayescal.reporting.page import common, section, svg
+from bayescal.reporting.page import common, svg
 from bayescal.reporting.sheet import Column, Sheet, as_is
 from bayescal.statistics import rms
 from bayescal.storage.reading import Json
@@ -29,7 +29,7 @@ REASONS = 4
 """Failed tests that the first screen names."""
 
 
-def first(run: section.Run) -> section.Section:
+def first(run: page.Run) -> page.Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
     doubts = verdict.get("doubts", ())  # records of earlier versions have none
@@ -37,12 +37,12 @@ def first(run: section.Run) -> section.Section:
     against = record["use"]["against"]
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
-    faults = [section.Fault(f"not to be used: {reason}") for reason in against]
+    faults = [page.Fault(f"not to be used: {reason}") for reason in against]
     concerns = [c for c in (reasons or doubts)[:REASONS] if c["words"] not in against]
     for c in concerns:
-        faults.append(section.Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)))
+        faults.append(page.Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)))
     warnings, notes = _warnings(record)
-    return section.FirstScreen(
+    return page.FirstScreen(
         verdict["words"][:1].upper() + verdict["words"][1:],
         tone,
         {"good": "✓", "warn": "?", "bad": "✗"}[tone],
@@ -65,7 +65,7 @@ def _warnings(record: Json) -> tuple[list[str], list[str]]:
     return others, list(dict.fromkeys(notes))
 
 
-def _why(run: section.Run) -> str:
+def _why(run: page.Run) -> str:
     verdict = run.record["verdict"]
     if verdict["explains"] and not verdict["determined"]:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
@@ -116,7 +116,7 @@ def _change(before: float, after: float) -> str:
     return f"{text.length(before)} → {text.length(after)} µm"
 
 
-def _next(run: section.Run) -> list[tuple[str, str]]:
+def _next(run: page.Run) -> list[tuple[str, str]]:
     folder, use = shlex.quote(run.folder), run.record["use"]
     words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
     less = run.record.get("without", ())  # an earlier version has none
@@ -136,7 +136,7 @@ def _next(run: section.Run) -> list[tuple[str, str]]:
     ]
 
 
-def levels(run: section.Run) -> section.Section | None:
+def levels(run: page.Run) -> page.Section | None:
     """Errors of validation measurements by model level."""
     columns = (
         ("contacts RMS", "heldout_planes_rms_um"),
@@ -148,14 +148,14 @@ def levels(run: section.Run) -> section.Section | None:
     if not levelled(run.record):
         return None
     names = [text.model_label(step["model"]) for step in run.record["ladder"]]
-    return section.blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
+    return page.blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
 
 
-def distances(run: section.Run) -> section.Section | None:
+def distances(run: page.Run) -> page.Section | None:
     """Certified distances and diameters, measured and predicted; validation targets."""
     validation = run.record["validation"]
     ranked = sorted(validation["distances"], key=lambda d: -abs(d["calibrated_error_um"]))
-    return section.blocks(
+    return page.blocks(
         "distances",
         "Distances and validation",
         Sheet(sheets.PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
@@ -166,7 +166,7 @@ def distances(run: section.Run) -> section.Section | None:
     )
 
 
-def iso9283(run: section.Run) -> section.Section | None:
+def iso9283(run: page.Run) -> page.Section | None:
     """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
     record = run.record["iso9283"]
     if not record["figures"]:
@@ -174,10 +174,10 @@ def iso9283(run: section.Run) -> section.Section | None:
     caption = "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement"
     lines = ("What differs from the procedure of the standard:", *record["differs_from_norm"])
     table = Sheet(sheets.ISO9283, record["figures"], caption)
-    return section.blocks("iso9283", "ISO 9283", table, *section.texts(lines, "quiet"))
+    return page.blocks("iso9283", "ISO 9283", table, *page.texts(lines, "quiet"))
 
 
-def parameters(run: section.Run) -> section.Section | None:
+def parameters(run: page.Run) -> page.Section | None:
     """Parameters with prior and posterior."""
 
     def drawing(p: Json) -> Markup:
@@ -195,16 +195,16 @@ def parameters(run: section.Run) -> section.Section | None:
     )
     caption = "; ".join(notes)
     weak = [f"Weakly identifiable: {d['words']}" for d in run.record["identifiability"]["weak_directions"]]
-    return section.blocks(
+    return page.blocks(
         "parameters",
         "Parameters",
         Sheet(columns, of_arm, caption),
-        *section.texts(weak),
+        *page.texts(weak),
         Sheet(columns, other, "Targets and faces", 0),
     )
 
 
-def correlations(run: section.Run) -> section.Section | None:
+def correlations(run: page.Run) -> page.Section | None:
     """Correlations of the parameters of the arm."""
     pairs = run.record["correlations"]
     if not pairs:
@@ -224,18 +224,16 @@ def correlations(run: section.Run) -> section.Section | None:
     )
     caption = "The strongest correlations: only their combination is well known"
     table = Sheet(columns, pairs, caption, PAIRS)
-    legend = section.Text(
-        "Squares: absolute value of 0.3 and above; filled: positive; open: negative.", "quiet"
-    )
-    return section.blocks("correlations", "Correlations", section.Figures((("", drawing),)), legend, table)
+    legend = page.Text("Squares: absolute value of 0.3 and above; filled: positive; open: negative.", "quiet")
+    return page.blocks("correlations", "Correlations", page.Figures((("", drawing),)), legend, table)
 
 
-def sampler(run: section.Run) -> section.Section | None:
+def sampler(run: page.Run) -> page.Section | None:
     """Whether the posterior draws suffice."""
     s = run.record["sampler"]
     if not s["acceptance"]:
-        none = section.Text("Gaussian approximation (--samples 0): nothing was sampled.")
-        return section.blocks("sampler", "Sampler", none)
+        none = page.Text("Gaussian approximation (--samples 0): nothing was sampled.")
+        return page.blocks("sampler", "Sampler", none)
     error = text.share(s["monte_carlo_error"]["largest_over_sd"])
     lines = (
         ("state", "converged" if s["converged"] else f"not converged: {s['complaint']}"),
@@ -246,10 +244,10 @@ def sampler(run: section.Run) -> section.Section | None:
         ("moves", s["moves"]),
         ("Monte Carlo error", f"at most {error} of an uncertainty"),
     )
-    return section.blocks("sampler", "Sampler", section.Facts(lines))
+    return page.blocks("sampler", "Sampler", page.Facts(lines))
 
 
-def outliers(run: section.Run) -> section.Section | None:
+def outliers(run: page.Run) -> page.Section | None:
     """Rejected measurements and what they share, noise, tests."""
     record, noise = run.record, run.record["noise"]
     rejected = record["rejected"]
@@ -266,11 +264,11 @@ def outliers(run: section.Run) -> section.Section | None:
     )
     tests = Sheet(sheets.TESTS, record["verdict"]["tests"], "Tests of the model")
     words = words if rejected else "No measurement was rejected."
-    lines = (section.Text(words), *section.texts(causes, "warning"), section.Text(of_noise))
-    return section.blocks("outliers", "Outliers, noise and tests", *lines, tests)
+    lines = (page.Text(words), *page.texts(causes, "warning"), page.Text(of_noise))
+    return page.blocks("outliers", "Outliers, noise and tests", *lines, tests)
 
 
-SECTIONS: tuple[Callable[[section.Run], section.Section | None], ...] = (
+SECTIONS: tuple[Callable[[page.Run], page.Section | None], ...] = (
     first,
     common.scene,
     lambda run: common.residuals(run, sheets.by_target(run.record["residuals"])),

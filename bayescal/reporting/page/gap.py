@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import OTHER, VALIDATION_POINTS
+from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
-from bayescal.reporting.gap import sheets
 from bayescal.reporting.gap.phrases import LIKELY
 from bayescal.reporting.origin import images_keys, images_sheet, possible
-from bayescal.reporting.page import common
-from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, blocks, texts
+from bayescal.reporting.page import Fault, FirstScreen, Run, Section, blocks, common, texts
 from bayescal.reporting.page.svg import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.sheet import Sheet
 from bayescal.storage.reading import Json

@@ -20,7 +20,7 @@ from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting import plan_sheets
 from bayescal.reporting.origin import entry, origin, plain, sized
-from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks, page, picture
+from bayescal.reporting.page import Facts, FirstScreen, Section, Text, blocks, page, picture
 from bayescal.reporting.plan_sheets import clearances, count, payloads
 from bayescal.reporting.sheet import Sheet
 from bayescal.reporting.text import MM, UM

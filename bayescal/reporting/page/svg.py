@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from bayescal.effects.location import Site
 from bayescal.reporting.body import Outline, View, joints_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures.residuals import marked_sites as figure_sites
-from bayescal.reporting.page.section import Run
+from bayescal.reporting.page import Run
 
 WIDTH, HEIGHT = 360, 210
 LEFT, RIGHT, TOP, BOTTOM = 44, 8, 8, 36

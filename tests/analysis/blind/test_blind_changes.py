@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import bayescal.changes.outcome
+import bayescal.changes
 import bayescal.reporting.changed
 from analysis.blind import changes
 from analysis.blind.folder import DATASET, PAIR
@@ -85,7 +85,7 @@ def test_a_pair_has_two_datasets_and_a_change_of_the_drawn_size(monkeypatch):
         seen["rows"] = [len(s.measurements.ids) for s in sessions]
         return "found"
 
-    monkeypatch.setattr(bayescal.changes.outcome, "changed", compared)
+    monkeypatch.setattr(bayescal.changes, "changed", compared)
     monkeypatch.setattr(
         bayescal.reporting.changed, "changed_record", lambda found: {"verdict": found, "rows": [1]}
     )
