@@ -23,7 +23,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
 from bayescal.fitted import gate
 from bayescal.predict.crossvalidation import inside95
-from bayescal.public.results import SimulatedSession
+from bayescal.public import SimulatedSession
 from bayescal.robots import load_robot, names
 
 CONTACTS = (80, 150, 300)

@@ -159,7 +159,7 @@ def score(
     if page is not None:
         renew(page, found, about, target)
 
-    from bayescal.public.results import console
+    from bayescal.public import console
 
     shown = console()
     shown.print(terminal(found))

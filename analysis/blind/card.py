@@ -163,7 +163,7 @@ def _judged(criteria: Iterable[Row]) -> list[tuple[str, ...]]:
 
 def show(criteria: Iterable[Row]) -> None:
     """Print criteria, each with what was found and what is wanted."""
-    from bayescal.public.results import console
+    from bayescal.public import console
 
     shown = Table(box=None, pad_edge=False)
     for head in HEADS:

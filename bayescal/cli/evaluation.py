@@ -10,9 +10,8 @@ import typer
 
 from bayescal.cli.root import command, progress, run_folder, said, show
 from bayescal.errors import BayescalError
-from bayescal.public import functions, planning, watching
+from bayescal.public import console, drawing_beside, functions, planning, watching
 from bayescal.public.motions import MotionFitResult
-from bayescal.public.results import console, drawing_beside
 
 
 @command(

@@ -11,8 +11,7 @@ import typer
 from bayescal.cli.root import check_format, command, print_as, progress, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
-from bayescal.public import arms
-from bayescal.public.results import console
+from bayescal.public import arms, console
 
 
 @command(

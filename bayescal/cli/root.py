@@ -21,7 +21,7 @@ from typer.models import ParameterInfo
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
-from bayescal.public.results import console
+from bayescal.public import console
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

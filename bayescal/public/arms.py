@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public import FitResult, GapResult, Printed
 from bayescal.public.motions import fitted_log
 from bayescal.public.positions import arm_of
-from bayescal.public.results import FitResult, GapResult, Printed
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:

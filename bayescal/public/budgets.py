@@ -24,8 +24,8 @@ from bayescal.exporting.dcc import check_valid, dcc, read_entries
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm, of_fit
 from bayescal.fitted.file import check_restored, restored
+from bayescal.public import FitResult, GapResult, Printed, table
 from bayescal.public.positions import arm_of
-from bayescal.public.results import FitResult, GapResult, Printed, table
 from bayescal.reporting.fit.files import budget_csv, budget_record, budget_table
 from bayescal.storage.files import write_together
 from bayescal.storage.reading import read_json

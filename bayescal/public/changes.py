@@ -14,9 +14,9 @@ from bayescal import changes as outcome
 from bayescal.changes import history as runs
 from bayescal.compensating.compensation import read_targets
 from bayescal.programs.text import Target
+from bayescal.public import Result, table
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.results import Result, table
 from bayescal.reporting.changed import changed_record, changed_summary, write_changed
 from bayescal.reporting.history import history_record, history_summary, write_history
 from bayescal.storage.reading import Json

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from bayescal.arm.chain import Prior, Robot
 from bayescal.fleets.compare import Model, priors
-from bayescal.public.results import Printed, table
+from bayescal.public import Printed, table
 from bayescal.reporting.fleet import summary
 from bayescal.robots import robot_to_yaml
 from bayescal.robots.schema import PRIOR_UNITS

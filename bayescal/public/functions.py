@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError, attempted
-from bayescal.public import motions
+from bayescal.public import ComparisonResult, FitResult, GapResult, SimulatedSession, motions
 from bayescal.public.arms import names
-from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:

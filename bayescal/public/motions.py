@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import Diagnosis, Draws, FitResult, Result, table
+from bayescal.public import Diagnosis, Draws, FitResult, Result, table
 from bayescal.storage.reading import Json, read_record, run_record
 from bayescal.storage.stopping import Progress, silent
 

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public import motions
+from bayescal.public import FitResult, GapResult, Result, SimulatedSession, motions, table
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
 from bayescal.storage.reading import Json, run_record
 from bayescal.storage.stopping import Progress, silent
 

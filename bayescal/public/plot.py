@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.posterior.inference import CHAINS, chains_figure
-from bayescal.public.results import FitResult
+from bayescal.public import FitResult
 from bayescal.reporting.figures.estimates import label, weakest
 from bayescal.reporting.figures.figures import draw, drawn, posterior_content
 from bayescal.reporting.fit.files import variable

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public import Printed
 from bayescal.public.arms import names
-from bayescal.public.results import Printed
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:

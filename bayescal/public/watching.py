@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
+from bayescal.public import FitResult, Result, table
 from bayescal.public.arms import names
-from bayescal.public.results import FitResult, Result, table
 from bayescal.storage.reading import Json, read_record
 
 if TYPE_CHECKING:

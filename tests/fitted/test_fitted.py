@@ -29,7 +29,7 @@ from bayescal.gap.result import Named
 from bayescal.model import build, standing
 from bayescal.model.options import parts_of
 from bayescal.model.scene import Scene
-from bayescal.public.results import FitResult
+from bayescal.public import FitResult
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
 from bayescal.reporting.gap.record import gap_record, write_gap

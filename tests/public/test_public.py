@@ -195,7 +195,7 @@ def test_a_diagnosis_comes_back(session, tmp_path):
 
 def test_a_diagnosis_is_undecided_with_open_pairs_or_an_unexplained_error() -> None:
 
-    from bayescal.public.results import GapResult
+    from bayescal.public import GapResult
 
     def gap(verdict, undecided=(), plannable=True):
         content = {"verdict": verdict, "undecided": list(undecided), "plannable": plannable}

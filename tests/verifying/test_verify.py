@@ -17,7 +17,7 @@ import bayescal as bc
 from bayescal.cli import app
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
-from bayescal.public.results import as_text
+from bayescal.public import as_text
 from bayescal.reporting.exports import report
 from bayescal.verifying.gap import Gap, read_reported
 from bayescal.verifying.result import verify
