@@ -244,7 +244,8 @@ def test_what_further_contacts_give_is_the_ratio_of_the_two_u_that_are_said():
     goal = SimpleNamespace(u=10e-6, count=3, over="volume of interest")
     measurements, nothing = SimpleNamespace(target=np.zeros(1, int)), SimpleNamespace(kind="plane")
     session = SimpleNamespace(measurements=measurements, targets=[nothing])
-    plan = SimpleNamespace(expected=[goal], next_u=8e-6, equals_random=np.inf, session=session)
+    pool = SimpleNamespace(setup=SimpleNamespace(noise_scale={}))
+    plan = SimpleNamespace(expected=[goal], next_u=8e-6, equals_random=np.inf, session=session, pool=pool)
     (now, less), said = further(plan), next(plan_headline(plan))
     numbers = [float(text.split("U = ")[1].split()[0]) for text in (said, now)]
     assert numbers == [20.0, 16.0]

@@ -54,9 +54,7 @@ def named(effect: Named, gap: Gap) -> str:
     if effect.sites or (who.startswith("every ") and not everywhere):
         named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
-    of_base = [w for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind]
-    also = beside_base(gap.dataset, [w.driver.kind for w in of_base])
-    if also and BASE.kind in {site.kind for site in named_sites}:
+    if BASE.kind in {site.kind for site in named_sites} and (also := _beside_base(effect, gap)):
         them = "them" if len(named_sites) == 1 else f"the base and the {also}"
         who = who.replace(BASE.text, f"{BASE.text} or the {also}")
         who += f" (these data do not distinguish {them})"
@@ -70,6 +68,12 @@ def named(effect: Named, gap: Gap) -> str:
     if len(named_sites) > 1:
         return f"{effect.effect} in {who} (each {words}; {p})"
     return f"{who} {words} ({effect.effect}, {p})"
+
+
+def _beside_base(effect: Named, gap: Gap) -> str:
+    """What is not distinguishable from the base that an effect acts at; "" if nothing."""
+    places = [w for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind]
+    return beside_base(gap.dataset, [w.driver.kind for w in places])
 
 
 def together(each: Sequence[Site]) -> str:
