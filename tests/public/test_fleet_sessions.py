@@ -245,7 +245,7 @@ def test_sessions_are_in_the_order_of_their_dates(monkeypatch, tmp_path, dated):
         name = entry["session"]
         return {**entry, "sha256": name, "date": dates[name], "serial": "7", "fit": {"words": "made up"}}
 
-    monkeypatch.setattr("bayescal.public.fleet.with_fit", with_fit)
+    monkeypatch.setattr("bayescal.reporting.fleet.with_fit", with_fit)
     state = {"failed": None, "done": {"fit": {}}}
     tasks = {n: SimpleNamespace(dataset=n, folder=tmp_path / n, state=lambda: state) for n in dates}
     done = dict.fromkeys(dates, "fitted")
