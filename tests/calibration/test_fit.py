@@ -390,6 +390,7 @@ def test_gap_takes_the_first_level(split):
 # --- The summary of a fit at the width of a terminal: every figure of the wide one is in the narrow one.
 
 FIGURE = re.compile(r"[+-]?\d+(?:\.\d+)?(?:\(\d+(?:\.\d+)?\))?")
+NOT_SAID = ("as drawn", "held out", "worst", "data decide", " um ", "ladder")
 
 
 def printed(found, width: int, verbose: bool = False) -> str:
@@ -418,6 +419,14 @@ def test_no_figure_is_lost(fits, width, verbose):
         assert max(map(len, narrow.splitlines())) <= width
         lost = Counter(FIGURE.findall(wide)) - Counter(FIGURE.findall(narrow))
         assert not lost, (name, lost)
+
+
+def test_the_words_are_those_of_the_field(fits):
+    for found in fits.values():
+        text = printed(found, 120, True)
+        for words in NOT_SAID:
+            assert words not in text
+        assert "µm" in text
 
 
 def test_the_first_lines_say_what_to_know(fits):

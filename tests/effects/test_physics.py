@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sessions import circumstances, with_columns
 
-from bayescal.arm.chain import chain_of, frames, points, wrenches
+from bayescal.arm.chain import chain_of, frames, points
 from bayescal.arm.motion import CONTACT
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Certificate, Target
@@ -452,15 +452,6 @@ def test_latency_is_the_way_gone_since(dataset):
         np.testing.assert_allclose(undone, -deeper, atol=1e-9)
         assert np.max(np.abs(deeper)) > 1e-7
     assert "j1_degps" in EFFECTS["latency"].missing(circumstances(with_columns(dataset, velocity=None)))
-
-
-def test_speed_is_that_of_the_ball(dataset):
-    c, scene = circumstances(dataset), Scene(dataset)
-    normal = np.array([t.values["normal"] for t in dataset.targets])[dataset.measurements.target]
-    still = np.zeros((len(c.q), 8, 6))
-    by = wrenches(scene.chain, c.q, scene.tools, still, normal)[:, 1:-1, 0]
-    rate = dataset.measurements.velocity @ dataset.robot.link_from_reading.T
-    np.testing.assert_allclose(c.speed, -np.sum(by * rate, axis=1), atol=1e-15)
 
 
 def test_a_larger_ball_touches_further_out(dataset):

@@ -85,6 +85,17 @@ def of_every_kind(dataset: Dataset) -> Dataset:
     )
 
 
+def left_by(cell: Cell, axis: str, wanted: np.ndarray, frame: int | None = None) -> float:
+    """Least share of a function (N,) that no set of a cell represents along an axis of one frame."""
+    shares = []
+    for own in cell.sets:
+        terms = [t for q in own for t in q.terms]
+        x = np.array([t.driver for t in terms if t.axis == axis]).T
+        if x.size and {t.frame for t in terms} == {terms[0].frame if frame is None else frame}:
+            shares.append(np.sum((wanted - x @ np.linalg.lstsq(x, wanted, rcond=None)[0]) ** 2))
+    return min(shares) / np.sum(wanted**2)
+
+
 def pool_of(cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
     """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
     sizes = [len(own) for cell in cells for own in cell.sets]

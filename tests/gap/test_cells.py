@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from gap_problems import BASELINE, Bench, bench_of
+from gap_problems import BASELINE, Bench, bench_of, left_by
 from sessions import circumstances
 
 from bayescal.arm.motion import CONTACT, TURN, Term
@@ -40,22 +40,8 @@ def of(bench):
     return {(cell.site, cell.driver): cell for cell in reversed(bench.pool.cells)}
 
 
-def drivers(own, frame):
-    """Drivers (N, k) of a set of parameters that turn one frame, less their common motion."""
-    assert {t.frame for p in own for t in p.terms} == {frame}
-    return np.array([p.terms[0].driver for p in own]).T
-
-
 def left(cell, frame, wanted):
-    """Least share of a function (N,) that no set of a cell's own frame represents."""
-    shares = []
-    for own in cell.sets:
-        if {t.frame for p in own for t in p.terms} != {frame}:
-            continue
-        d = drivers(own, frame)
-        fitted = d @ np.linalg.lstsq(d, wanted, rcond=None)[0]
-        shares.append(np.sum((wanted - fitted) ** 2) / np.sum(wanted**2))
-    return min(shares)
+    return left_by(cell, "rz", wanted, frame)
 
 
 def test_a_torque_times_functions_of_angles_turns_its_own_link(bench, of):

@@ -21,11 +21,11 @@ COUNT = 60
 SCATTER = np.random.default_rng(4).standard_normal(COUNT)
 
 
-def errors(excess: float, distance: float = 0.0, correlated: float = 0.0) -> ValidationErrors:
-    """Validation data with an error beside the noise, and two distances that are off by `distance`."""
+def errors(excess: float) -> ValidationErrors:
+    """Validation data with an error beside the noise, and two distances."""
     residual = NOISE * SCATTER + excess * np.where(np.arange(COUNT) % 2, 1.0, -1.0)
-    made = held(residual, distances=np.array([distance, -distance]))
-    by_parameters = np.array([[NOISE, correlated], [NOISE, -correlated]])
+    made = held(residual, distances=np.zeros(2))
+    by_parameters = NOISE * np.array([[1.0, 0.0], [1.0, 0.0]])
     apart = replace(made.distances, by_parameters=by_parameters, by_noise=NOISE * np.eye(2))
     return replace(made, distances=apart)
 
@@ -213,12 +213,6 @@ def test_what_a_name_costs_is_of_the_blocks_whatever_it_lacks_in_regions():
     (aside,) = confirmed(("eccentricity",), refit, refit(())[1]).withheld
     assert share(*by_region).missing
     assert "makes blocks of poses and time that are left out less probable" in aside.words
-
-
-def test_gain_of_distances_heeds_their_correlation():
-    """An error that two distances share by the arm's uncertainty is likely along it, and unlikely across."""
-    near, far = (gain(errors(0.0), errors(0.0), errors(0.0, 20e-6, c)) for c in (20e-6, 0.0))
-    assert near > far + 2
 
 
 # --- Names without validation measurements: blocks of rows and regions that are left out judge them.

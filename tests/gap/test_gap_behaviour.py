@@ -40,8 +40,8 @@ def bench(cube):
 
 @pytest.fixture(scope="module")
 def dense(cube):
-    """Half as many contacts again: a defect at one place shows at few of them."""
-    return Bench.of(cube(seed=7, count=240).dataset)
+    """Nearly twice as many contacts: a defect at one place shows at few of them."""
+    return bench_of(cube, 7, 300)
 
 
 def names(decision):
@@ -207,11 +207,6 @@ SPOT, WIDTH = np.array([0.22, -0.18]), 0.2
 """Half extents of a face: between the centres that are tried."""
 
 
-@pytest.fixture(scope="module")
-def local_defects_bench(cube):
-    return bench_of(cube, 7, 300)
-
-
 def dent(bench, depth):
     """Contribution (R,) of a dent of so many times the noise in the second face."""
     own = bench.circumstances.faces[1]
@@ -220,28 +215,26 @@ def dent(bench, depth):
     return depth * column / np.max(np.abs(column)), own.name
 
 
-def test_a_dent_is_found_beside_larger_outliers(local_defects_bench):
-    there, name = dent(local_defects_bench, 12.0)
-    p = local_defects_bench.made_up(3, there, gross=0.02)
+def test_a_dent_is_found_beside_larger_outliers(dense):
+    there, name = dent(dense, 12.0)
+    p = dense.made_up(3, there, gross=0.02)
     null = fit_state(p, (), ())
     hit = np.flatnonzero(np.abs(there[: p.count]) > 4.0)
     assert np.sum(null.weight[hit] == 0) >= 2
-    decision, _ = local_defects_bench.decided(p)
+    decision, _ = dense.decided(p)
     assert decision.kind == "unknown"
-    first = local_defects_bench.places(decision)[0]
+    first = dense.places(decision)[0]
     assert (first.site, first.driver) == (face(name), Driver("face", form="one spot"))
     assert first.family_p_value < 1e-3
     # the contacts that it explains count in its size, as far as the model does not absorb it
     bare = fit_state(without_nuisance(p, p.jacobian.shape[1]), (), (), robust=False)
     assert first.rms == pytest.approx(np.sqrt(np.mean(visible(bare, there) ** 2)), rel=0.12)
     assert np.isin(p.rows[p.contact[hit]], first.curve.rows).all()
-    assert np.all(
-        local_defects_bench.circumstances.faces[1].rows[first.curve.rows]
-    )  # its curve is that of the face
+    assert np.all(dense.circumstances.faces[1].rows[first.curve.rows])  # its curve is that of the face
 
 
-def test_an_outlier_of_any_size_counts_as_one_at_the_limit(local_defects_bench):
-    p = local_defects_bench.made_up(5)
+def test_an_outlier_of_any_size_counts_as_one_at_the_limit(dense):
+    p = dense.made_up(5)
     found = []
     for size in (30.0, 3000.0):
         off = np.zeros(len(p.residual))

@@ -273,19 +273,6 @@ def test_contacts_left_out_count_as_if_they_were_not_there(state):
     assert state.log_evidence - rest.log_evidence == pytest.approx(len(gone) * cost, abs=1e-6)
 
 
-def test_contacts_that_are_rejected_late_leave_the_fit():
-    """Of contacts that all start with full weight, too, the fit is that of those it kept."""
-    p = random_problem()
-    residual = p.residual.copy()
-    residual[[8, 30]] += [60.0, -45.0]
-    p = replace(p, residual=residual)
-    found = fit_state(p, [0], [1.0], np.ones(len(residual)))
-    assert np.all(found.weight[[8, 30]] == 0)
-    design, residual, _ = augmented(found)
-    step = np.linalg.lstsq(design, -residual, rcond=None)[0]
-    np.testing.assert_allclose(found.step, step, atol=1e-8)
-
-
 def test_many_columns_lose_by_the_noise_that_they_leave_unknown():
     """Evidences of a state of few and of many parameters differ by the integrals over the noise."""
     p = random_problem(rows=40, constraints=0, size=2, pool=20)

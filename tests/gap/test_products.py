@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gap_problems import bench_of
+from gap_problems import bench_of, left_by
 from sessions import with_columns
 
 from bayescal.arm.motion import CONTACT
@@ -33,14 +33,8 @@ def bench(cube):
 
 
 def left(bench, site, driver, axis, wanted):
-    """Least share of a function (N,) that no set of a cell represents by its displacements along an axis."""
     cell = next(q for q in bench.pool.cells if (q.site, q.driver) == (site, driver))
-    shares = []
-    for own in cell.sets:
-        x = np.array([t.driver for q in own for t in q.terms if t.axis == axis]).T
-        if x.size:
-            shares.append(np.sum((wanted - x @ np.linalg.lstsq(x, wanted, rcond=None)[0]) ** 2))
-    return min(shares) / np.sum(wanted**2)
+    return left_by(cell, axis, wanted)
 
 
 def test_a_quantity_of_a_joint_is_multiplied_by_any_other(bench):

@@ -9,7 +9,7 @@ from sessions import with_columns
 
 from bayescal.dataset import Certificate
 from bayescal.estimate import calibrated, estimate, solve
-from bayescal.gap.outcome.magnitude import magnitude, noise_floor
+from bayescal.gap.outcome.magnitude import noise_floor
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
@@ -172,24 +172,6 @@ def test_errors_of_a_third_of_the_measurements_are_no_slips(fitted, share):
     off = np.arange(len(h.residual)) < share * len(h.residual)
     spread = np.random.default_rng(0).permutation(off)
     assert not replace(h, residual=h.residual + np.where(spread, 40.0 * h.sd, 0.0)).gross[spread].any()
-
-
-def test_magnitude_of_nothing_and_of_something(fitted, cube):
-    h = validation_errors(fitted)
-    m = magnitude(fitted, fitted, h)
-    assert m.excess_interval95[0] == 0.0
-    assert m.noise_from == "fit"
-    assert m.noise_interval95[0] < 5e-6 < m.noise_interval95[1]
-    assert [x.what for x in m.measured] == ["validation contacts", "sphere distances"]
-    for x in m.measured:
-        assert x.predicted_interval95[0] < x.rms < x.predicted_interval95[1]
-    rng = np.random.default_rng(0)
-    spoilt = replace(h, residual=h.residual + 12e-6 * rng.choice([-1, 1], len(h.residual)))
-    m = magnitude(fitted, fitted, spoilt)
-    assert m.excess_interval95[0] < 12e-6 < m.excess_interval95[1]
-    assert m.excess == pytest.approx(12e-6, rel=0.35)
-    contacts = m.measured[0]
-    assert contacts.rms > contacts.predicted_interval95[1]
 
 
 def test_noise_far_above_the_stated_is_no_noise(cube):

@@ -169,7 +169,7 @@ def test_fit_locates_it_too(example):
     assert found.distance_errors.maximum < 50e-6
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_any_start_leads_to_the_same_place(seed):
     """Spheres stated up to 50 mm off, touched from above, with an unknown diameter."""
     rng = np.random.default_rng(seed)
