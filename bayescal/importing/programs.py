@@ -27,57 +27,53 @@ NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 @dataclass(frozen=True)
 class Listing:
-    """How a file lists joint positions.
+    """How a file lists joint positions, as regular expressions.
 
     Attributes
     ----------
-    record : re.Pattern
+    record : str
         A position, with the groups `id` and `body`.
-    joint : re.Pattern
+    joint : str
         A joint in the body of a position, with its number and its value, or the value alone.
-    cartesian : re.Pattern
+    cartesian : str
         A position without joints.
     prefix : str
         Of the ids.
-    comment : re.Pattern
+    comment : str
         What is not read.
     """
 
-    record: re.Pattern[str]
-    joint: re.Pattern[str]
-    cartesian: re.Pattern[str]
+    record: str
+    joint: str
+    cartesian: str
     prefix: str = ""
-    comment: re.Pattern[str] = re.compile(r"(?!)")
+    comment: str = r"(?!)"
 
 
 LISTINGS = {
     "fanuc-ls": Listing(
-        re.compile(
-            r"^\s*P\[(?P<id>\d+)[^\]]*\]\s*\{(?P<body>.*?)(?:GP2\s*:.*?)?\}\s*;", re.DOTALL | re.MULTILINE
-        ),
-        re.compile(rf"\bJ(\d+)\s*=\s*({NUMBER})\s*deg"),
-        re.compile(r"\bX\s*=\s*[-+.\d]+\s*mm"),
+        r"(?ms)^\s*P\[(?P<id>\d+)[^\]]*\]\s*\{(?P<body>.*?)(?:GP2\s*:.*?)?\}\s*;",
+        rf"\bJ(\d+)\s*=\s*({NUMBER})\s*deg",
+        r"\bX\s*=\s*[-+.\d]+\s*mm",
         prefix="P",
     ),
     "fanuc-va": Listing(
-        re.compile(
-            r"^\s*\[1,(?P<id>\d+)\]\s*=\s*'[^']*'(?P<body>.*?)(?=^\s*\[|\Z)", re.DOTALL | re.MULTILINE
-        ),
-        re.compile(rf"\bJ(\d+)\s*=\s*({NUMBER})\s*deg"),
-        re.compile(r"\bX:\s*[-+.\d]+"),
+        r"(?ms)^\s*\[1,(?P<id>\d+)\]\s*=\s*'[^']*'(?P<body>.*?)(?=^\s*\[|\Z)",
+        rf"\bJ(\d+)\s*=\s*({NUMBER})\s*deg",
+        r"\bX:\s*[-+.\d]+",
         prefix="PR",
     ),
     "kuka-dat": Listing(
-        re.compile(r"(?P<id>\w+)\s*=\s*\{(?:\s*E6AXIS\s*:|\s*AXIS\s*:)?(?P<body>\s*[AX]1?\s[^}]*)\}"),
-        re.compile(rf"\bA(\d+)\s+({NUMBER})"),
-        re.compile(r"\bX\s+[-+.\d]+"),
-        comment=re.compile(r";[^\n]*|^\s*\$[^\n]*", re.MULTILINE),
+        r"(?P<id>\w+)\s*=\s*\{(?:\s*E6AXIS\s*:|\s*AXIS\s*:)?(?P<body>\s*[AX]1?\s[^}]*)\}",
+        rf"\bA(\d+)\s+({NUMBER})",
+        r"\bX\s+[-+.\d]+",
+        comment=r"(?m);[^\n]*|^\s*\$[^\n]*",
     ),
     "abb-mod": Listing(
-        re.compile(r"\b(?:joint|rob)target\s+(?P<id>\w+)\s*:=\s*\[(?P<body>\[[^;]*)\]\s*;", re.IGNORECASE),
-        re.compile(rf"()({NUMBER})"),
-        re.compile(r"^\[[^\]]*\]\s*,\s*\[[^\]]*\]\s*,\s*\[[^\]]*\]\s*,"),
-        comment=re.compile(r"![^\n]*"),
+        r"(?i)\b(?:joint|rob)target\s+(?P<id>\w+)\s*:=\s*\[(?P<body>\[[^;]*)\]\s*;",
+        rf"()({NUMBER})",
+        r"^\[[^\]]*\]\s*,\s*\[[^\]]*\]\s*,\s*\[[^\]]*\]\s*,",
+        comment=r"![^\n]*",
     ),
 }
 """By the name of their format."""
@@ -93,18 +89,19 @@ def read_listing(path: Path, name: str, n: int) -> Log:
     """
     listing = LISTINGS[name]
     text, note = text_of(path)
-    text = listing.comment.sub(lambda comment: " " * len(comment[0]), text)
+    text = re.sub(listing.comment, lambda comment: " " * len(comment[0]), text)
     notes, others = [note], 0
     rows: list[tuple[int, tuple[str, ...]]] = []
-    for match in listing.record.finditer(text):
+    for match in re.finditer(listing.record, text):
         line = text.count("\n", 0, match.start("id")) + 1
         body = match["body"]
-        if listing.cartesian.search(body):
+        if re.search(listing.cartesian, body):
             others += 1
             continue
         if name == "abb-mod":
             body = body.partition("]")[0]
-        joints = {int(number or k): value for k, (number, value) in enumerate(listing.joint.findall(body), 1)}
+        each = re.findall(listing.joint, body)
+        joints = {int(number or k): value for k, (number, value) in enumerate(each, 1)}
         if not joints:
             continue
         if sorted(joints) != list(range(1, n + 1)):
@@ -135,11 +132,7 @@ STATES = {0: "not reached", 2: "no contact", 3: "early contact"}
 """Of contacts that were not made."""
 UNMADE = 1000
 """deg, beside the state, in the first joint of a contact that was not made."""
-SIGNS = (
-    (RECORD, "probing"),
-    (re.compile(r"\[\*POSREG\*\]"), "fanuc-va"),
-    (re.compile(r"^DEFDAT bcplan\b", re.MULTILINE), "kuka-dat"),
-)
+SIGNS = ((RECORD, "probing"), (r"\[\*POSREG\*\]", "fanuc-va"), (r"(?m)^DEFDAT bcplan\b", "kuka-dat"))
 """By what the log of a program is known, and its format."""
 
 
@@ -148,7 +141,7 @@ def format_of(path: Path) -> str:
     if path.suffix.lower() == ".xlsx" or "#" in path.name:
         return "csv"
     text, _ = text_of(path)
-    return next((name for sign, name in SIGNS if sign.search(text)), "csv")
+    return next((name for sign, name in SIGNS if re.search(sign, text)), "csv")
 
 
 def read_records(path: Path, n: int) -> Log:

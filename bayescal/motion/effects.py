@@ -1,6 +1,6 @@
 """The list of effects of joint logs: what may be wrong with a model of torques, as columns.
 
-An effect is one entry of `EFFECTS`. It yields its forms: a `Form` for each site and setting, with its
+An effect is a function behind `effect`. It yields its forms: a `Form` for each site and setting, with its
 columns. An effect is named by the best of its forms, averaged over all of them.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product, starmap
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,8 @@ OF_THE_ARM = (
 NO_TORQUE = "no torques are logged"
 STICKS = "it is alike to the stiction of a servo: log second encoders"
 UNSEEN = "motor torques do not show it below the bandwidth of the drives: log second encoders"
+SIMULATE, INSPECT = "Simulate the arm with it.", "Simulate the arm with it, or inspect the gear."
+"""Remedies of what is no fault of a part."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +80,15 @@ class Scale:
     waves: Waves = field(default_factory=Waves)  # that a scan found
 
 
+Forms = Callable[[Signals, Operating, Scale], Iterator[FormColumn]]
+
+
 @dataclass(frozen=True)
 class Effect:
     """An effect of the list."""
 
     name: str
-    forms: Callable[[Signals, Operating, Scale], Iterator[FormColumn]]
+    forms: Forms
     title: str  # in reports
     remedy: str  # what to do about it
     needs: Callable[[Log], str] = field(default=lambda log: "")  # why it is not assessed; "" where it is
@@ -95,17 +101,51 @@ class Effect:
         return (self.of_servo if log.torque_kind == SERVO else "") or self.needs(log)
 
 
+EFFECTS: dict[str, Effect] = {}
+"""The list, by name."""
+
+
+def effect(name: str, title: str, remedy: str, **further: Any) -> Callable[[Forms], Forms]:
+    """Put forms into the list of effects; `further` are fields of `Effect`."""
+
+    def listed(forms: Forms) -> Forms:
+        EFFECTS[name] = Effect(name, forms, title, remedy, **further)
+        return forms
+
+    return listed
+
+
+def _without(kind: str, why: str) -> Callable[[Log], str]:
+    """Why an effect is not assessed in logs without a kind of residuals."""
+    return lambda log: "" if kind in log.kinds else why
+
+
+def _no_stiffness(log: Log) -> str:
+    stated = log.torque_kind == SERVO and log.controller.stated
+    none = "no position servo with a stated stiffness and commands"
+    return "" if stated or TRACKING in log.kinds else none
+
+
+def _no_loads(log: Log) -> str:
+    return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
+
+
 def joint(j: int) -> str:
     """The site of a joint, numbered from 0."""
     return f"joint {j + 1}"
 
 
+@effect("payload", "error of the payload's mass", "Weigh it, or state what was found.", needs=_no_loads)
 def _payload(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form, on = Form("payload", TOOL, "mass"), (s.payload > 0.0)[:, None]
     column = (s.rigid[:, :, -1] @ payload_of(s.log.mechanism)) * on
     yield form, form.term("kg", FORMS.payload * scale.loaded), column
 
 
+@effect(
+    "payload-offset", "error of the payload's centre of mass",
+    "Measure where it is, or state what was found.", needs=_no_loads,
+)  # fmt: skip
 def _payload_offset(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form, m = Form("payload-offset", TOOL, "centre of mass"), s.log.mechanism
     none = np.zeros((3, 3))
@@ -128,11 +168,13 @@ def _of_joints(effect: str, *of: Kind, first: int = 0) -> Iterator[FormColumn]:
             yield form, form.term(unit, size, first + j), columns[:, j]
 
 
+@effect("armature", "error of the rotor's inertia", "Use what was found.", positive=True)
 def _armature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     sd = FORMS.armature * np.maximum(model.armature, scale.torque / FORMS.acceleration)
     return _of_joints("armature", ("acceleration", "", "kg m2", sd, s.ddq))
 
 
+@effect("stribeck", "friction that rises at low speed", SIMULATE, positive=True)
 def _stribeck(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     way, speeds, sd = model.reversal(s), np.abs(s.dq), FORMS.stribeck * scale.friction
 
@@ -143,6 +185,7 @@ def _stribeck(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn
     return _of_joints("stribeck", *starmap(kind, product(FORMS.stribeck_speeds, FORMS.stribeck_powers)))
 
 
+@effect("load-friction", "friction that grows with load", SIMULATE, positive=True)
 def _load_friction(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     way, load, driver = model.reversal(s), model.load(s), "torque times direction"
     plain = (driver, "", "1", FORMS.load_friction, way * np.abs(load))
@@ -160,12 +203,14 @@ def at_speed(setting: str, speed: np.ndarray) -> np.ndarray:
     return fast / (1.0 + fast / FORMS.saturation) if setting.startswith(SATURATES) else fast
 
 
+@effect("asymmetric-friction", "viscous friction that differs by direction", SIMULATE, at_speed=True)
 def _asymmetric(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     sd = FORMS.asymmetric * np.maximum(model.viscous, 0.5 * scale.friction)
     of = [("abs speed", x, "N m s/rad", sd, at_speed(x, s.dq)) for x in ("", SATURATES)]
     return _of_joints("asymmetric-friction", *of)
 
 
+@effect("ripple", "torque that ripples with the motor angle", INSPECT)
 def _ripple(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     for j, waves in scale.waves.steady:
         for harmonics in FORMS.harmonics:
@@ -177,6 +222,9 @@ def _ripple(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
                     yield form, term, function(h * waves * s.q[:, j])
 
 
+@effect(
+    "torque-constant", "error of the torque constant", "Use the ratio that was found.", of_servo=NO_TORQUE
+)
 def _torque_constant(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = model.torque(s)
     large = torque * np.abs(torque) / scale.torque
@@ -184,6 +232,7 @@ def _torque_constant(s: Signals, model: Operating, scale: Scale) -> Iterator[For
     return _of_joints("torque-constant", ("torque", "", "1", FORMS.constant, torque), falling)
 
 
+@effect("torque-drift", "torque that drifts with temperature", "Warm up before a log.", of_servo=NO_TORQUE)
 def _torque_drift(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = model.torque(s)
     for w in warming(s):
@@ -194,6 +243,7 @@ def _torque_drift(s: Signals, model: Operating, scale: Scale) -> Iterator[FormCo
         yield from _of_joints("torque-drift", plain, scaled)
 
 
+@effect("viscous-temperature", "viscous friction that falls as the arm warms", "Warm up before a log.")
 def _viscous_temperature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     size = FORMS.viscous_temperature * np.maximum(np.abs(model.viscous), 0.5 * scale.friction)
     for w in warming(s):
@@ -223,6 +273,11 @@ def warming(s: Signals) -> Iterator[Warming]:
         yield Warming("time", f"{constant:.0f} s", -np.expm1(-s.time / constant), 1.0, "")
 
 
+@effect(
+    "delay", "delay of the torque",
+    "Shift the times of the torque by it; of all joints alike, state `alignment_ms`.",
+    of_servo="a delay of the commands is alike to viscous friction: both are in the lag of the servo",
+)  # fmt: skip
 def _delay(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     later = -derivative(model.measured(s), s.step)
     form = Form("delay", LOG, "rate of torque")
@@ -230,6 +285,7 @@ def _delay(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     yield from _of_joints("delay", ("rate of torque", "", "s", FORMS.delay, later))
 
 
+@effect("base-tilt", "tilt of the base", "Level the base, or state its tilt.")
 def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form = Form("base-tilt", BASE, "gravity direction")
     for k, name in enumerate("xy"):
@@ -239,6 +295,7 @@ def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColum
         yield form, form.term("rad", FORMS.tilt, part=name), column
 
 
+@effect("inertia", "error of the link's inertia", "Use what was found.")
 def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     m = s.log.mechanism
     for k in range(m.n):
@@ -250,6 +307,7 @@ def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]
                 yield form, form.term(UNITS[p], FORMS.inertia * sd[p], part=name), columns[:, :, p]
 
 
+@effect("servo-stiffness", "another stiffness of the servo", "Use what was found.", needs=_no_stiffness)
 def _servo_stiffness(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     if s.log.torque_kind == SERVO:
         yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, model.load(s)))
@@ -258,11 +316,15 @@ def _servo_stiffness(s: Signals, model: Operating, scale: Scale) -> Iterator[For
     yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
 
 
+@effect("elasticity", "elastic gear", SIMULATE, needs=_without(LINK, UNSEEN), positive=True)
 def _elasticity(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     of = ("torque", "", "rad/(N m)", FORMS.deflection / scale.torque, -model.load(s))
     return _of_joints("elasticity", of, first=channel(s.log, LINK, 0))
 
 
+@effect(
+    "backlash", "backlash", "Adjust the gear.", needs=_without(LINK, UNSEEN), positive=True, of_servo=STICKS
+)
 def _backlash(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     def kind(side: float) -> Kind:
         setting = f"over {side:g} of its RMS"
@@ -271,72 +333,6 @@ def _backlash(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn
     load = model.load(s)
     by_way = ("direction of motion", "", "rad", FORMS.deflection, -model.reversal(s))
     return _of_joints("backlash", *map(kind, FORMS.sides), by_way, first=channel(s.log, LINK, 0))
-
-
-def _without(kind: str, why: str) -> Callable[[Log], str]:
-    """Why an effect is not assessed in logs without a kind of residuals."""
-    return lambda log: "" if kind in log.kinds else why
-
-
-def _no_stiffness(log: Log) -> str:
-    stated = log.torque_kind == SERVO and log.controller.stated
-    none = "no position servo with a stated stiffness and commands"
-    return "" if stated or TRACKING in log.kinds else none
-
-
-def _no_loads(log: Log) -> str:
-    return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
-
-
-SIMULATE, INSPECT = "Simulate the arm with it.", "Simulate the arm with it, or inspect the gear."
-"""Remedies of what is no fault of a part."""
-
-EFFECTS: dict[str, Effect] = {
-    e.name: e
-    for e in (
-        Effect(
-            "payload", _payload, "error of the payload's mass", "Weigh it, or state what was found.",
-            _no_loads,
-        ),
-        Effect(
-            "payload-offset", _payload_offset, "error of the payload's centre of mass",
-            "Measure where it is, or state what was found.", _no_loads,
-        ),
-        Effect("armature", _armature, "error of the rotor's inertia", "Use what was found.", positive=True),
-        Effect("stribeck", _stribeck, "friction that rises at low speed", SIMULATE, positive=True),
-        Effect("load-friction", _load_friction, "friction that grows with load", SIMULATE, positive=True),
-        Effect(
-            "asymmetric-friction", _asymmetric, "viscous friction that differs by direction", SIMULATE,
-            at_speed=True,
-        ),
-        Effect("ripple", _ripple, "torque that ripples with the motor angle", INSPECT),
-        Effect(
-            "torque-constant", _torque_constant, "error of the torque constant",
-            "Use the ratio that was found.", of_servo=NO_TORQUE,
-        ),
-        Effect(
-            "torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log.",
-            of_servo=NO_TORQUE,
-        ),
-        Effect(
-            "viscous-temperature", _viscous_temperature, "viscous friction that falls as the arm warms",
-            "Warm up before a log.",
-        ),
-        Effect(
-            "delay", _delay, "delay of the torque",
-            "Shift the times of the torque by it; of all joints alike, state `alignment_ms`.",
-            of_servo="a delay of the commands is alike to viscous friction: both are in the lag of the servo",
-        ),
-        Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),
-        Effect("inertia", _inertia, "error of the link's inertia", "Use what was found."),
-        Effect(
-            "servo-stiffness", _servo_stiffness, "another stiffness of the servo", "Use what was found.",
-            _no_stiffness,
-        ),
-        Effect("elasticity", _elasticity, "elastic gear", SIMULATE, _without(LINK, UNSEEN), True),
-        Effect("backlash", _backlash, "backlash", "Adjust the gear.", _without(LINK, UNSEEN), True, STICKS),
-    )
-}  # fmt: skip
 
 
 def in_all_joints(forms: Mapping[Form, Sequence[str]]) -> dict[Form, tuple[str, ...]]:
@@ -355,6 +351,6 @@ def in_all_joints(forms: Mapping[Form, Sequence[str]]) -> dict[Form, tuple[str, 
 
 def columns(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     """Columns of every effect that a log can tell of."""
-    for effect in EFFECTS.values():
-        if not effect.lacks(s.log):
-            yield from effect.forms(s, model, scale)
+    for of in EFFECTS.values():
+        if not of.lacks(s.log):
+            yield from of.forms(s, model, scale)
