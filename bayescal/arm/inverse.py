@@ -23,6 +23,8 @@ PASSES = 25
 STEP = 0.4  # rad a pass; m of a prismatic joint
 LEVER = 0.3  # m: lever arm that weights direction errors against position errors
 PLACE, DIRECTION = 1e-8, 1e-6  # m, rad: tolerances of a solution
+Admits = Callable[[np.ndarray], bool]
+"""Whether readings (n,), rad, may be taken."""
 Task = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """task(angles (M, n), which (M,)) -> what is missing to the goal (M, k), rad, and its slopes (M, k, n) by the
 angles as the arm moves towards it, with lengths divided by `LEVER`; which are solved (M,). `which` are the
@@ -226,10 +228,7 @@ def _within_a_turn(angle: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def nearest(
-    arm: NominalArm,
-    solved: np.ndarray,
-    references: np.ndarray,
-    admits: Callable[[np.ndarray], bool] | None = None,
+    arm: NominalArm, solved: np.ndarray, references: np.ndarray, admits: Admits | None = None
 ) -> np.ndarray | None:
     """The readings (n,), SI, of the solution nearest to any of some readings, within the joint limits.
 

@@ -40,6 +40,10 @@ class Term:
     driver: np.ndarray | float = 1.0
 
 
+Numbered = tuple[int, Term]
+"""Index of a parameter, and a term of it."""
+
+
 def _padded(rows: np.ndarray) -> np.ndarray:
     """Rows (R, C) padded with the last column to a multiple of the kernel's width."""
     from bayescal.arm import kernel  # compiled: whoever only reads about effects need not load it
@@ -66,7 +70,7 @@ class Terms:
     drivers: tuple[np.ndarray | float, ...]  # (K,) numbers, or one value per row, (N,)
 
     @classmethod
-    def of(cls, terms: Iterable[tuple[int, Term]]) -> Terms:
+    def of(cls, terms: Iterable[Numbered]) -> Terms:
         """Of parameter indices and terms; those that are not of a frame, or always zero, are left out."""
         table, row_of = list[tuple[int, int, int]](), dict[bytes, int]()
         drivers = list[np.ndarray | float]()
@@ -110,12 +114,7 @@ class Motion:
     """
 
     def __init__(
-        self,
-        chain: Chain,
-        q: np.ndarray,
-        tool: np.ndarray,
-        terms: Terms | Sequence[tuple[int, Term]],
-        size: int,
+        self, chain: Chain, q: np.ndarray, tool: np.ndarray, terms: Terms | Sequence[Numbered], size: int
     ) -> None:
         self.chain, self.q, self.tool, self.size = chain, q, tool, size
         self.count, self._slides = len(q), bool(chain.slides.any())
@@ -154,7 +153,7 @@ class Motion:
         self._d = np.ascontiguousarray(chain.d, float)
 
     @property
-    def terms(self) -> list[tuple[int, Term]]:
+    def terms(self) -> list[Numbered]:
         """Parameter index and term, in order of frames and axes; without terms that are zero in all rows."""
         return [
             (parameter, Term(site // 6, AXES[site % 6], self._drivers[driver, : self.count]))

@@ -219,9 +219,9 @@ def convert_contacts(request: Request) -> Draft:
     dataset, roles = roles_of(request, dataset, "role" in columns.cells)
     notes = (*notes, *located_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
-    dataset, before, notes = _continuing(request, dataset, notes)
+    dataset, before, said = _continuing(request, dataset)
     headline = f"{columns.count} rows of {dataset.robot.name} from {columns.name}"
-    return Draft(dataset, headline, notes, wrong, columns.name, columns.line, understood, before)
+    return Draft(dataset, headline, (*notes, *said), wrong, columns.name, columns.line, understood, before)
 
 
 def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
@@ -239,17 +239,14 @@ def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset,
     return with_roles(dataset, rule, where)
 
 
-def _continuing(
-    request: Request, dataset: Dataset, notes: tuple[str, ...]
-) -> tuple[Dataset, int, tuple[str, ...]]:
-    """The dataset behind the rows of the session that its plan continues, with their number."""
+def _continuing(request: Request, dataset: Dataset) -> tuple[Dataset, int, list[str]]:
+    """The dataset behind the rows of the session that its plan continues, with their number, and notes."""
     old = None if request.plan is None else measured_before(files_of(request.plan)[0], dataset)
     if old is None:
-        return dataset, 0, notes
+        return dataset, 0, []
     rows, lost = followed(old, dataset.measurements)
-    notes = (*notes, f"they continue {len(old.ids)} rows that were measured before, on unmoved targets")
-    if lost:
-        notes = (*notes, f"not in all rows, left out: {', '.join(lost)}")
+    notes = [f"they continue {len(old.ids)} rows that were measured before, on unmoved targets"]
+    notes += [f"not in all rows, left out: {', '.join(lost)}"] if lost else []
     return replace(dataset, measurements=rows), len(old.ids), notes
 
 
@@ -302,9 +299,8 @@ def _columns(request: Request, robot: Robot) -> Read:
             columns = columns_of(read_listing(request.log, request.format, n), map_)
         else:
             columns = _mapped(request.log, map_, request.decimal)
-    mapped = [mapping_words(columns)]
     files = [_points(request, path, said, robot) for path, said in request.files] if request.points else []
-    mapped += [mapping_words(points) for points in files]
+    mapped = tuple(words for part in (columns, *files) for words in mapping_words(part))
     parts = []
     for points in sorted(files, key=is_measured):  # conditions first: they are those of all measurements
         both, left_out = pair(request.pair, columns, points)
@@ -316,7 +312,7 @@ def _columns(request: Request, robot: Robot) -> Read:
     unfolds = [unfolded(part) for part in parts or [columns]]
     notes += [note for _, left_out in unfolds for note in left_out]
     columns = stacked([part for part, _ in unfolds]) if len(unfolds) > 1 else unfolds[0][0]
-    return columns, centres, tuple(notes), tuple(words for part in mapped for words in part)
+    return columns, centres, tuple(notes), mapped
 
 
 def _points(request: Request, path: Path, said: str, robot: Robot) -> Columns:

@@ -33,9 +33,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix in SUFFIXES if path.is_file() else (path / METADATA).is_file()
 
 
-def read_bag(
-    path: Path, joints: Sequence[str], robot: str, stated: str, topic: str, effort: str = ""
-) -> Record:
+def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
     """The joint states of a bag.
 
     Parameters
@@ -45,13 +43,11 @@ def read_bag(
     joints : sequence of str
         Joint names of the robot.
     robot : str
-        Name of the robot.
+        Name of the robot, by whose driver efforts are of a kind; "" where their kind is stated.
     stated : str
         As of `joint_order`.
     topic : str
         Of the rows; "" for the only one.
-    effort : str
-        Stated kind of its torques; "" for that of the robot's driver.
 
     Raises
     ------
@@ -63,7 +59,7 @@ def read_bag(
     types = of_logs("rosbags.typesys", path.name)
     try:
         with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
-            return _record(bag, path.name, joints, robot if not effort else "", stated, topic)
+            return _record(bag, path.name, joints, robot, stated, topic)
     except BayescalError:
         raise
     except Exception as error:  # rosbags fails in any way at parts that are damaged
@@ -76,12 +72,13 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     streams: list[tuple[str, Stream, tuple[str, ...]]] = []
     notes, why = [], []
     for kind, message in MESSAGES.items():
-        of_kind = [c for c in bag.connections if c.msgtype == kind and c.msgcount]
-        topics = dict.fromkeys(c.topic for c in of_kind)
+        topics: dict[str, list[Any]] = {}
+        for c in bag.connections:
+            if c.msgtype == kind and c.msgcount:
+                topics.setdefault(c.topic, []).append(c)
         commands = {t for t in topics if kind.endswith("JointState") and t != topic and COMMANDS.search(t)}
         commands = set() if len(commands) == len(topics) else commands
-        for topic_ in topics:
-            connections = [c for c in of_kind if c.topic == topic_]
+        for topic_, connections in topics.items():
             try:
                 stream, said = _stream(bag, connections, message, joints, stated)
                 if topic_ in commands:
@@ -109,11 +106,10 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     kind, rows, said = (usual if len(usual) == 1 else first)[0]
     notes = [f"rows of {rows.name} ({kind})", *said, *notes]
     torque = MESSAGES[kind].torque
-    if kind.endswith("JointState") and "torque" in rows.cells:
-        usual_of = [e for e in EFFORTS if re.search(e[0], robot.lower())]
-        if usual_of:
-            _, torque, words = usual_of[0]
-            notes.append(f"efforts of {words}, as its driver writes them")
+    of_driver = next((e for e in EFFORTS if re.search(e[0], robot.lower())), None)
+    if of_driver and kind.endswith("JointState") and "torque" in rows.cells:
+        _, torque, words = of_driver
+        notes.append(f"efforts of {words}, as its driver writes them")
     have = {*rows.cells}
     others = []
     for other_kind, other, _ in streams:

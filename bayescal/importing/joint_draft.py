@@ -20,13 +20,13 @@ from bayescal.exporting.written import mujoco
 from bayescal.importing.ask import MOTION_FORMATS, Request
 from bayescal.importing.joint_bags import is_bag, read_bag
 from bayescal.importing.joint_formats import AIDS, DEG, SINGLE, Record, of_logs
-from bayescal.importing.joint_rows import Rows, divided, repeats, roles, speeds
+from bayescal.importing.joint_rows import Rows, divided, repeats, roles
 from bayescal.importing.joint_tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
 from bayescal.importing.joint_torques import contradiction, one_torque
 from bayescal.logs import SCHEMA, read_log
 from bayescal.logs.read import PER_JOINT
-from bayescal.logs.types import PAIRS, TURNING_PART, bounds_of
-from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
+from bayescal.logs.types import PAIRS, mechanism_of
+from bayescal.robots import builtin_robots, full_name, load_robot
 from bayescal.robots.servos import GRIPPER
 from bayescal.robots.urdf import LARGEST, parse_markup
 from bayescal.storage.files import si
@@ -70,17 +70,14 @@ def arm_of(reference: str, allow_xacro: bool) -> Arm:
     if Path(file).suffix.lower() in MJCF:
         return _of_mjcf(Path(file))
     robot, content = load_robot(full_name(reference), allow_xacro=allow_xacro)
-    only_revolute(robot, "joint logs", TURNING_PART)
-    coupling = robot.link_from_reading
-    signed = coupling * np.sign(np.diag(coupling))[:, None]
-    bounds = bounds_of(robot)
-    limits = np.where(np.isnan(bounds), (-np.inf, np.inf), bounds)
+    m, _ = mechanism_of(robot)
+    limits = np.where(np.isnan(m.limits), (-np.inf, np.inf), m.limits)
     if full_name(reference) in builtin_robots() and not Path(reference).is_file():
-        return Arm(robot.name, robot.joint_names, limits, signed, full_name(reference))
+        return Arm(m.name, m.joint_names, limits, m.coupling, full_name(reference))
     markup = Path(file).suffix.lower() in (".urdf", ".xacro")
     name = f"{Path(file).stem}.urdf" if markup else "robot.yaml"
     entry = name + mark + tip if markup else name
-    return Arm(robot.name, robot.joint_names, limits, signed, entry, (name, content))
+    return Arm(m.name, m.joint_names, limits, m.coupling, entry, (name, content))
 
 
 def _of_mjcf(path: Path) -> Arm:
@@ -114,7 +111,7 @@ def _of_mjcf(path: Path) -> Arm:
     carriers = [int(model.jnt_bodyid[j]) for j in arms]
     owners = [sum(carrier in above(model, b) for carrier in carriers) - 1 for b in range(model.nbody)]
     bodies = [[b for b, owner in enumerate(owners) if owner == k] for k in range(len(arms))]
-    entries = [_joint(model, data, arms, k, names[k], bodies[k]) for k in range(len(arms))]
+    entries = [{"name": names[k]} | _joint(model, data, arms, k, bodies[k]) for k in range(len(arms))]
     limits = np.array([model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf) for j in arms])
     gripper_joints = [model.joint(j).name for j in hinges if j not in arms]
     notes = [f"the arm is written out from {path.name}: {listed(names, 12)}"]
@@ -126,10 +123,8 @@ def _of_mjcf(path: Path) -> Arm:
     return Arm(name, names, limits, np.eye(len(arms)), entry, None, settings, tuple(notes))
 
 
-def _joint(
-    model: Any, data: Any, arms: Sequence[int], k: int, name: str, bodies: Sequence[int]
-) -> dict[str, Any]:
-    """The entry of a joint: its frame, and the masses of the bodies that it carries as one."""
+def _joint(model: Any, data: Any, arms: Sequence[int], k: int, bodies: Sequence[int]) -> dict[str, Any]:
+    """The entry of a joint but its name: its frame, and the masses of the bodies that it carries as one."""
     joint, frame = arms[k], np.asarray(data.xmat[model.jnt_bodyid[arms[k]]]).reshape(3, 3)
     before = np.asarray(data.xmat[model.jnt_bodyid[arms[k - 1]]]).reshape(3, 3) if k else np.eye(3)
     origin = data.xanchor[arms[k - 1]] if k else np.zeros(3)
@@ -156,7 +151,7 @@ def _joint(
     if model.jnt_limited[joint]:
         values["limits_deg"] = DEG * model.jnt_range[joint]
     nonzero = {key: v for key, v in values.items() if np.ndim(v) or key == "mass_kg" or v}
-    return {"name": name} | {key: _rounded(value) for key, value in nonzero.items()}
+    return {key: _rounded(value) for key, value in nonzero.items()}
 
 
 def _rounded(value: Any) -> Any:
@@ -270,8 +265,7 @@ def convert_motions(request: Request) -> MotionDraft:
     records = _records(request, format_, arm)
     rows, notes = divided(records, request.motions)
     role, words = roles(rows, request.validate)
-    velocity = speeds(rows.time, rows.cells["position"], rows.motion)
-    rows, torque, said = one_torque(rows, velocity, records[0].torque, request.torque)
+    rows, torque, said = one_torque(rows, records[0].torque, request.torque)
     same = repeats(rows)
     groups = {k: [rows.ids[i] for i, s in enumerate(same) if s == k] for k in dict.fromkeys(same)}
     again = [", ".join(names) for names in groups.values() if len(names) > 1]
@@ -322,12 +316,11 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
     if format_ == "sage":
         return [read_sage(folder, arm.joint_names, request.joints) for folder in sage_folders(path)]
     if format_ == "rosbag":
-        bags, robot = _bags(path), f"{request.robot} {arm.name}"
+        bags, robot = _bags(path), "" if request.torque else f"{request.robot} {arm.name}"
         if not bags:
             remedy = "give the folder of a bag, or a .mcap, .db3 or .bag file"
             raise BayescalError("not a bag", path.name, remedy)
-        stated = (request.joints, request.topic, request.torque)
-        return [read_bag(bag, arm.joint_names, robot, *stated) for bag in bags]
+        return [read_bag(bag, arm.joint_names, robot, request.joints, request.topic) for bag in bags]
     files = (sorted(path.glob("*.csv")) or sorted(path.glob("*.txt"))) if path.is_dir() else [path]
     if not files:
         remedy = "give a folder of .csv files, bags, or a data set"

@@ -109,9 +109,8 @@ def read_lerobot(
     blocks = {q: table[c][:, order] for q, c in there.items() if table[c].shape[1] > max(order)}
     if unused := [c for q, c in there.items() if q not in blocks]:
         notes.append(f"not used, of another size: {', '.join(unused)}")
-    for quantity in ("position", "command"):
-        if quantity in blocks:
-            blocks[quantity] = _angles(blocks[quantity], unit, limits, servos)
+    turning = blocks.keys() & {"position", "command"}
+    blocks |= {quantity: _angles(blocks[quantity], unit, limits, servos) for quantity in turning}
     if "velocity" in blocks and unit == NORMALISED:
         del blocks["velocity"]
         notes.append(f"{LEROBOT['velocity']} is not used: its unit is not known")

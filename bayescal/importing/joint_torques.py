@@ -9,7 +9,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.joint_formats import DEG
-from bayescal.importing.joint_rows import MOVING, Rows
+from bayescal.importing.joint_rows import MOVING, Rows, speeds
 from bayescal.statistics import rms
 
 KINDS = ("motor", "current", "sensor")
@@ -44,27 +44,24 @@ EVEN = 0.1
 STATE = '`--torque "current: 11.4 11.4 9.9 ..."`'
 
 
-def one_torque(
-    rows: Rows, velocity: np.ndarray, recorded: str, stated: str
-) -> tuple[Rows, dict[str, Any], tuple[str, ...]]:
+def one_torque(rows: Rows, recorded: str, stated: str) -> tuple[Rows, dict[str, Any], tuple[str, ...]]:
     """The rows with one quantity of torque, what dataset.yaml says of it, and what was assumed."""
+    velocity = speeds(rows.time, rows.cells["position"], rows.motion)
     kind, _, numbers = stated.partition(":")
     if kind not in ("", *KINDS):
         remedy = f"write motor, sensor, or {STATE} (N m/A of each joint)"
         raise BayescalError(f"`{kind}` is no kind of torque", "--torque", remedy)
-    cells = dict(rows.cells)
-    given = [k for k in ("torque", "current") if k in cells]
+    given = [k for k in ("torque", "current") if k in rows.cells]
     if not given:
         if stated:
             what = "the log has neither torques nor currents"
             raise BayescalError(what, "--torque", "remove it, or map them")
-        if "command" in cells:
+        if "command" in rows.cells:
             return rows, {}, ("no torques: commands are those of position servos (assumed), by their errors",)
         return rows, {}, ("no torques and no commands: the log cannot be diagnosed",)
-    name = "torque" if "torque" in cells and kind != "current" else given[-1]
-    values = cells[name]
-    for other in given:
-        del cells[other]
+    name = "torque" if "torque" in given and kind != "current" else given[-1]
+    values = rows.cells[name]
+    cells = {key: cell for key, cell in rows.cells.items() if key not in given}
     notes = [f"{other} is not used, {name} is" for other in given if other != name]
     if name == "current" and kind in ("motor", "sensor"):
         what = f"the log has currents, A, and no torques of a {kind}"

@@ -15,16 +15,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
-from bayescal.logs.schema import (
-    OF_JOINTS,
-    SCHEMA,
-    Arm,
-    LogFile,
-    MotionEntry,
-    Payload,
-    Uncertainty,
-    known_keys,
-)
+from bayescal.logs.schema import OF_JOINTS, SCHEMA, Arm, LogFile, MotionEntry, Payload, known_keys
 from bayescal.logs.types import (
     CALIBRATE,
     FEWEST_ROWS,
@@ -151,15 +142,13 @@ def _with_arm(file: LogFile, folder: Path) -> tuple[LogFile, bytes]:
 
 def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechanism, tuple[str, ...], bytes]:
     """The nominal mechanism, what was assumed of it, and the content of its file."""
-    u: Uncertainty | None
-    notes: tuple[str, ...]
-    if isinstance(file.robot, Arm):
-        mechanism, content = written_out(file.robot, file.name), b""
-        payload, u, notes = file.payload or file.robot.payload, file.u or file.robot.u, ()
-    else:
+    if isinstance(file.robot, str):
         robot, content = load_robot(file.robot, folder, inside=True)
         mechanism, notes = mechanism_of(robot)
         payload, u = file.payload or Payload(), file.u
+    else:
+        mechanism, notes, content = written_out(file.robot, file.name), (), b""
+        payload, u = file.payload or file.robot.payload, file.u or file.robot.u
     if np.isnan(mechanism.mass).any():
         remedy = "give a robot with `mass_kg`, `centre_of_mass_mm` and `inertia_kgm2` of each link"
         raise BayescalError("the robot states no masses", document.where(("robot",)), remedy)

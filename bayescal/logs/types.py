@@ -23,7 +23,7 @@ TRANSITION = 0.03
 """rad/s: speed scale of the reversal of friction where none is stated (assumed)."""
 THINNEST = 1e-4
 """Second moment of a link along one of its axes over the largest one: a link is no thinner (assumed)."""
-SHORTEST = 0.02
+SHORTEST_LINK = 0.02
 """m, of a link whose inertia is not stated (assumed)."""
 TURNING_PART = "of a URDF name the part that turns, `arm.urdf#FIRST..TIP`; what slides must rest"
 """What to do where a joint of an arm slides."""
@@ -138,7 +138,7 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         viscous=or_nan(robot.viscous, n),
         rated=or_nan(robot.torques, n),
         gear_ratio=or_nan(robot.reductions, n),
-        limits=bounds_of(robot),
+        limits=np.where(robot.unlimited[:, None], np.nan, robot.limits),
         fastest=or_nan(robot.velocities, n),
         coupling=sense[:, None] * robot.link_from_reading,
         u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
@@ -159,7 +159,7 @@ def with_bodies(m: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
             continue
         moments, axes = np.linalg.eigh(0.5 * np.trace(inertia[k]) * np.eye(3) - inertia[k])
         if np.max(moments) <= 0.0:
-            length = max(after[k], float(np.linalg.norm(centre)), SHORTEST)
+            length = max(after[k], float(np.linalg.norm(centre)), SHORTEST_LINK)
             inertia[k] = mass * (RADIUS_OF_GYRATION * length) ** 2 * np.eye(3)
             assumed.append(m.joint_names[k])
         elif np.min(moments) < THINNEST * np.max(moments):
@@ -176,11 +176,6 @@ def with_bodies(m: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
             f"no body has the inertia that is stated of {listed(changed)}: the nearest one is assumed"
         )
     return replace(m, inertia=inertia) if notes else m, tuple(notes)
-
-
-def bounds_of(robot: Robot) -> np.ndarray:
-    """Limits (n, 2), rad; nan of joints that turn without end."""
-    return np.where(robot.unlimited[:, None], np.nan, robot.limits)
 
 
 def or_nan(values: np.ndarray | None, *shape: int) -> np.ndarray:

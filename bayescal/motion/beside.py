@@ -17,9 +17,9 @@ from scipy.signal import correlate
 from scipy.special import gammaln, logsumexp
 
 from bayescal.motion.effects import Form, joint
-from bayescal.motion.linear import Fit, Sparse, predicted
+from bayescal.motion.linear import Dots, Fit, Sparse, predicted
 from bayescal.motion.noise import Noise
-from bayescal.motion.pool import Bank, Dots, Gains, Pool, Product, Unlisted, averaged, consecutive
+from bayescal.motion.pool import Bank, Gains, Pool, Product, Unlisted, averaged, consecutive
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
 from bayescal.motion.settings import EVENTS, NOISE, RELATIVES, SEARCH

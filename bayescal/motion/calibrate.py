@@ -15,7 +15,7 @@ import numpy as np
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
-from bayescal.motion.estimate import Estimate, estimate_of, fitted_mechanism, moved_to, of_role
+from bayescal.motion.estimate import Estimate, estimate_of, of_role
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, spread
@@ -119,7 +119,7 @@ def calibrated(
     rows = zip(names, units, base, flat.mean(axis=0), flat.std(axis=0), low, high, sd, strict=True)
     shown = tuple(Parameter(n, unit, b, m, u, (lo, hi), s) for n, unit, b, m, u, lo, hi, s in rows)
     progress("withheld", 0.8)
-    model = moved_to(start, estimate.parts[0], deviations)
+    model = start.moved(deviations)
     return MotionFit(
         log=log,
         limits=estimate.limits,
@@ -128,7 +128,7 @@ def calibrated(
         withheld=_withheld(estimate, fit, start, model),
         determined=int(np.sum(np.linalg.eigvalsh(fit.covariance) < CALIBRATION.determined**2)),
         combinations=_combinations(fit, names),
-        mechanism=fitted_mechanism(log.mechanism, model, log.torque_kind == SERVO),
+        mechanism=model.mechanism(log.mechanism, log.torque_kind == SERVO),
         shift=float(model.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
@@ -166,9 +166,7 @@ def nominal_values(start: Operating) -> dict[str, float]:
     return out | {"alignment": start.shift[0]}
 
 
-def _withheld(
-    estimate: Estimate, fit: Fit, start: Operating, fitted_model: Operating
-) -> tuple[Withheld, ...]:
+def _withheld(estimate: Estimate, fit: Fit, start: Operating, final: Operating) -> tuple[Withheld, ...]:
     """Torque errors of validation motions, with what noise and uncertain parameters let expect."""
     parts, log = of_role(estimate.parts, VALIDATE), estimate.parts[0].log
     if not parts:
@@ -178,8 +176,8 @@ def _withheld(
         residuals = ((s.unfiltered(model.measured(s) - model.shown(s)), s) for s in each(some))
         return root_mean_square(where_moving(x, s) for x, s in residuals)
 
-    before, after = rms(start, parts), rms(fitted_model, parts)
-    noise = rms(fitted_model, of_role(estimate.parts, CALIBRATE))
+    before, after = rms(start, parts), rms(final, parts)
+    noise = rms(final, of_role(estimate.parts, CALIBRATE))
     table = tabulated(parts, estimate.columns, estimate.residual)
     covariance = fit.covariance * np.outer(fit.sd, fit.sd)
     extra = np.zeros(log.n)

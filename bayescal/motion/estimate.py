@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from bayescal.logs import Log, Mechanism
+from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
 from bayescal.motion.controller import with_controller, with_torques
 from bayescal.motion.fit_settings import SERVOS
@@ -16,20 +15,7 @@ from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulate
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE, SIGNALS
 from bayescal.motion.signals import Bands, Signals, all_signals, each
-from bayescal.motion.terms import (
-    BODY,
-    FORM,
-    Column,
-    Operating,
-    baseline,
-    by_channel,
-    by_joint,
-    channel,
-    displaced,
-    nominal,
-    residuals,
-)
-from bayescal.robots.schema import SIX
+from bayescal.motion.terms import FORM, Column, Operating, baseline, channel, from_nominal, nominal, residuals
 
 
 @dataclass(frozen=True)
@@ -72,17 +58,7 @@ class Estimate:
 
     def residual(self, s: Signals) -> np.ndarray:
         """Residuals (N, C) of which a linear fit of all columns finds the deviations from nominal."""
-        out = residuals(s, self.model)
-        moving = np.zeros_like(s.torque)
-        for term, column in self.columns(s):
-            if term.name in self.moved and not term.name.startswith(tuple(s.log.kinds[1:])):
-                for j, value in by_channel(term, column):
-                    out[:, j] += self.moved[term.name] * value
-                    if term.moves:
-                        moving[:, j] += self.moved[term.name] * value
-        for j in range(s.log.n) if TRACKING in s.log.kinds else ():
-            out[:, channel(s.log, TRACKING, j)] += displaced(s, s.step, s.weight[:, j] * moving[:, j], j)
-        return out
+        return from_nominal(s, self.model, self.columns(s), self.moved)
 
     def fit(self, further: Further | None = None) -> Fit:
         """The baseline fitted to the motions of role `calibrate`, and to a further measurement."""
@@ -97,36 +73,12 @@ class Estimate:
         """The same, linearised at a fit."""
         start = nominal(self.parts[0].log, self.rms)
         moved = {name: value for name, value in fit.values.items() if not name.startswith(FORM)}
-        return replace(self, model=moved_to(start, self.parts[0], moved), moved=moved)
+        return replace(self, model=start.moved(moved), moved=moved)
 
 
 def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:
     """Motions of a role."""
     return tuple(s for s in parts if s.role == role)
-
-
-def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operating:
-    """The operating point at some deviations from nominal."""
-    m = s.log.mechanism
-    each = partial(by_joint, values, m.n)
-    bodies = np.column_stack([each(f"{name} of link") for name in BODY])
-    slower = np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5))
-    return Operating(
-        start.bodies + bodies, start.armature + each("armature"), start.coulomb + each("coulomb"),
-        start.viscous + each("viscous"), start.offset + each("offset"), start.transition * slower,
-        start.shift + values.get("alignment", 0.0), start.gain + each("constant"),
-    )  # fmt: skip
-
-
-def fitted_mechanism(m: Mechanism, model: Operating, servo: bool) -> Mechanism:
-    """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
-    mass, centre, inertia = model.bodies[:, 0], model.bodies[:, 1:4], model.bodies[:, 4 + SIX]
-    by = model.gain if servo else 1.0
-    return replace(
-        m, mass=mass, centre=centre, inertia=inertia, armature=model.armature / by,
-        coulomb=model.coulomb / by, viscous=model.viscous / by,
-        transition=float(np.exp(np.mean(np.log(model.transition)))),
-    )  # fmt: skip
 
 
 def noise_about(table: Table, fit: Fit) -> Noise:
@@ -192,7 +144,7 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
         noise = noise_about(table, fit)
         del table  # before the next: half the memory of a long log
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
-        model = moved_to(start, parts[0], fit.values)
+        model = start.moved(fit.values)
         if k == NOISE.held and log.torque_kind != SERVO:
             stuck = _stuck(used, model, noise)
             parts = tuple(s.changed(stuck=stuck) for s in parts)

@@ -264,31 +264,29 @@ def gains(fit: Fit, sets: Sequence[np.ndarray], scales: np.ndarray) -> tuple[np.
     """
     p = fit.normal
     blocks = [p.gram[np.ix_(chosen, chosen)] for chosen in sets]
-    return added(fit, blocks, p.gram[fit.chosen], p.score, sets, scales)
+    return added(fit, (blocks, p.gram[fit.chosen], p.score), sets, scales)
+
+
+Dots = tuple[list[np.ndarray], np.ndarray, np.ndarray]
+"""Products of whitened columns: of each set with itself; of all P columns with the terms of a fit (k, P), and
+with the residual (P,)."""
 
 
 def added(
-    fit: Fit,
-    blocks: Sequence[np.ndarray],
-    cross: np.ndarray,
-    score: np.ndarray,
-    sets: Sequence[np.ndarray],
-    scales: np.ndarray,
+    fit: Fit, dots: Dots, sets: Sequence[np.ndarray], scales: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """As `gains`, of sets of any columns.
 
     Parameters
     ----------
     fit : Fit
-    blocks : sequence of np.ndarray
-        Products of the whitened columns of each set with one another.
-    cross, score : np.ndarray, shape (k, P) and (P,)
-        Products of all columns with the terms of the fit, and with the residual.
+    dots : Dots
     sets : sequence of np.ndarray
         Numbers of the columns of each set.
     scales : np.ndarray
         Factors on the prior standard deviations of the columns.
     """
+    blocks, cross, score = dots
     half = solve_triangular(fit.factor[0], cross * fit.scales[:, None], lower=True)
     score = score - (cross * fit.scales[:, None]).T @ fit.z
     out, size = np.empty((len(sets), len(scales))), np.array([len(chosen) for chosen in sets])

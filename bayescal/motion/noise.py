@@ -16,6 +16,8 @@ from scipy.sparse import csr_array
 
 from bayescal.motion.settings import NOISE
 
+Motions = Sequence[np.ndarray]
+"""Rows (M, n) of several motions."""
 BLOCK = 128
 """Rows that are whitened at once (cost)."""
 
@@ -86,10 +88,10 @@ class Noise:
 
 
 def noise_of(
-    residuals: Sequence[np.ndarray],
+    residuals: Motions,
     followed: Iterable[Sequence[np.ndarray]] = (),
     same: Sequence[str] = (),
-    weights: Sequence[np.ndarray] = (),
+    weights: Motions = (),
 ) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
 
@@ -165,7 +167,7 @@ def _filters(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return filters, starts
 
 
-def _autocovariance(parts: Sequence[np.ndarray]) -> np.ndarray:
+def _autocovariance(parts: Motions) -> np.ndarray:
     """Sums of products (n, lags) of parts (M, n) with themselves, later by each lag."""
 
     def lagged(r: np.ndarray, lag: int) -> np.ndarray:
@@ -174,7 +176,7 @@ def _autocovariance(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.array([sum(lagged(r, lag) for r in parts) for lag in range(NOISE.order + 1)]).T
 
 
-def _differences(parts: Sequence[np.ndarray], same: Sequence[str]) -> list[np.ndarray]:
+def _differences(parts: Motions, same: Sequence[str]) -> list[np.ndarray]:
     """Parts (M, n) less the mean of all repeats of their motion, with the variance of a single one."""
     out = []
     for name in dict.fromkeys(same):

@@ -16,31 +16,11 @@ from scipy.special import logsumexp
 
 from bayescal.logs import Log
 from bayescal.logs.types import LINK, TORQUE, TRACKING, VALIDATE
-from bayescal.motion.effects import (
-    BASE,
-    LOG,
-    TOOL,
-    Form,
-    FormColumn,
-    Scale,
-    Waves,
-    columns,
-    in_all_joints,
-    joint,
-)
+from bayescal.motion.effects import BASE, LOG, TOOL, Form, Scale, Waves, in_all_joints, joint
 from bayescal.motion.estimate import Estimate
-from bayescal.motion.linear import Fit, Normal, Part, Sparse, Table, added, fitted, normal, tabulated
+from bayescal.motion.linear import Dots, Fit, Normal, Part, Sparse, Table, added, fitted, normal, tabulated
 from bayescal.motion.noise import Noise
-from bayescal.motion.quantities import (
-    RESPONSES,
-    UNKNOWN,
-    Argument,
-    Kept,
-    Ranges,
-    cells,
-    kept_signals,
-    quantities,
-)
+from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument, Kept, Ranges, candidates, quantities
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Search
 from bayescal.motion.settings import CELLS, FORMS, SEARCH, SIGNALS
 from bayescal.motion.signals import Signals, each, low_passed
@@ -49,8 +29,6 @@ from bayescal.motion.terms import Column, Operating, Term, by_channel, channel, 
 MOVES, BEHIND = "a torque of the arm", "an angle behind the gear"
 """Settings of a product: under its torque a servo moves, so that it is no error of the torques' measurement;
 and it is an error of the positions behind a gear."""
-Dots = tuple[list[np.ndarray], np.ndarray, np.ndarray]
-"""Products of columns: of each set with itself; of all with the terms of a fit (k, P), the residual (P,)."""
 
 
 @dataclass(frozen=True)
@@ -126,28 +104,26 @@ class Bank:
                 beside = averaged(fit, both, sets) + odds
                 moves[j], nats[j] = beside > nats[j], np.logaddexp(nats[j], beside) - np.log(2.0)
         out = []
-        for i, (k, name) in enumerate(self.kinds):
-            a = self.first[k]
-            driver = f"{name} times {a.name}" if name else a.name
+        for i, (k, _) in enumerate(self.kinds):
             for j in range(n):
-                value = float(nats[j, i]) + a.log_prior
-                moved = (bool(moves[j, i]),)
-                form = Form(UNKNOWN, joint(j), driver, MOVES if moved[0] else "")
-                out.append((Product(form, name, k, (j,), moved), value))
+                out.append((self._product(i, joint(j), (j,), (bool(moves[j, i]),)), nats[j, i]))
                 if LINK in log.kinds:
-                    value = float(behind[j, i]) + a.log_prior
-                    form = Form(UNKNOWN, joint(j), driver, BEHIND)
-                    out.append((Product(form, name, k, (j,), (False,), LINK), value))
-            if a.joint is None:
-                every = np.logaddexp(0.0, nats[:, i]) - np.log(2.0)
-                joints = tuple(np.flatnonzero(nats[:, i] > 0.0).tolist())
-                if len(joints) > 1:
-                    site = self._site(a, every)
-                    value = float(np.sum(every)) + a.log_prior
-                    moved = tuple(moves[list(joints), i].tolist())
-                    form = Form(UNKNOWN, site, driver, MOVES if any(moved) else "")
-                    out.append((Product(form, name, k, joints, moved), value))
-        return out
+                    out.append((self._product(i, joint(j), (j,), (False,), LINK), behind[j, i]))
+            every = np.logaddexp(0.0, nats[:, i]) - np.log(2.0)
+            joints = tuple(np.flatnonzero(nats[:, i] > 0.0).tolist())
+            if self.first[k].joint is None and len(joints) > 1:
+                moved = tuple(moves[list(joints), i].tolist())
+                out.append((self._product(i, self._site(self.first[k], every), joints, moved), np.sum(every)))
+        return [(p, float(value) + self.first[p.argument].log_prior) for p, value in out]
+
+    def _product(
+        self, i: int, site: str, joints: tuple[int, ...], moves: tuple[bool, ...], kind: str = TORQUE
+    ) -> Product:
+        """The product of a set of columns, of `kinds`, at a site."""
+        k, name = self.kinds[i]
+        driver = f"{name} times {self.first[k].name}" if name else self.first[k].name
+        setting = BEHIND if kind == LINK else MOVES if any(moves) else ""
+        return Product(Form(UNKNOWN, site, driver, setting), name, k, joints, moves, kind)
 
     def _dots(self, fit: Fit, sets: Sequence[np.ndarray]) -> dict[int, Dots]:
         """By channel, products of the columns of its joint."""
@@ -230,8 +206,7 @@ def consecutive(sizes: Sequence[int]) -> tuple[np.ndarray, ...]:
 
 def averaged(fit: Fit, dots: Dots, sets: Sequence[np.ndarray]) -> np.ndarray:
     """Log Bayes factors of sets of columns beside a fit, averaged over scales."""
-    blocks, cross, score = dots
-    return np.asarray(logsumexp(added(fit, blocks, cross, score, sets, SCALES)[0] + SCALE_PRIOR, axis=1))
+    return np.asarray(logsumexp(added(fit, dots, sets, SCALES)[0] + SCALE_PRIOR, axis=1))
 
 
 @dataclass(frozen=True)
@@ -267,10 +242,10 @@ class Pool:
 
         def every(s: Signals) -> Iterable[Column]:
             yield from estimate.columns(s)
-            yield from ((term, column) for _, term, column in _candidates(s, model, scale, ranges))
+            yield from ((term, column) for _, term, column in candidates(s, model, scale, ranges))
 
         forms: dict[Form, tuple[str, ...]] = {}
-        for form, term, _ in _candidates(parts[0], model, scale, ranges):
+        for form, term, _ in candidates(parts[0], model, scale, ranges):
             forms[form] = (*forms.get(form, ()), term.name)
         table = tabulated(parts, every, estimate.residual)
         return cls(estimate, scale, ranges, forms | in_all_joints(forms), table)
@@ -321,15 +296,8 @@ class Pool:
         """Columns of the baseline, and of candidates with some names."""
         yield from self.estimate.columns(s)
         unknown = any(n.startswith(UNKNOWN) for n in names)
-        every = _candidates(s, self.estimate.model, self.scale, self.ranges, unknown)
+        every = candidates(s, self.estimate.model, self.scale, self.ranges, unknown)
         yield from ((term, column) for _, term, column in every if term.name in names)
-
-
-def _candidates(
-    s: Signals, model: Operating, scale: Scale, ranges: Ranges, general: bool = True
-) -> Iterable[FormColumn]:
-    """Columns of effects, and of `general` functions."""
-    return chain(columns(s, model, scale), cells(s, model, scale, ranges) if general else ())
 
 
 def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
@@ -339,7 +307,7 @@ def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
     kinds = ("", *SEARCH.in_proportion)
     steady, changing, in_proportion, tried = [], [], [], 0
     log = table.parts[0].signals.log
-    kept = [kept_signals(p.signals, estimate.model, ranges) for p in table.parts]
+    kept = [Kept.of(p.signals, estimate.model, ranges) for p in table.parts]
     for j in range(log.n):
         waves = _grid(log, j, float(np.ptp(np.concatenate([k.q[:, j] for k in kept]))))
         score, size = np.zeros((len(kinds), len(waves)), complex), np.zeros((len(kinds), len(waves)))

@@ -16,7 +16,7 @@ from bayescal.arm.transforms import compiled
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, LINK, SERVO, TRACKING
 from bayescal.motion.effects import EFFECTS, Scale
-from bayescal.motion.estimate import Estimate, fitted_mechanism, moved_to
+from bayescal.motion.estimate import Estimate
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit
 from bayescal.motion.signals import Signals, each
@@ -266,7 +266,7 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
     start, m = nominal(log, estimate.rms), log.mechanism
     z = constrained(fit, Possible.of(fit, start, log)) * fit.sd
     values = dict(zip(fit.names, z.tolist(), strict=True))
-    model = moved_to(start, estimate.parts[0], values)
+    model = start.moved(values)
     bodies, armature, gravity = model.bodies.copy(), model.armature.copy(), log.gravity.copy()
     for k in range(m.n):
         bodies[k] += [values.get(f"inertia joint {k + 1} motion of the link {name}", 0.0) for name in BODY]
@@ -275,4 +275,4 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
         tilt = values.get(f"base-tilt base gravity direction {name}", 0.0)
         gravity = gravity + tilt * np.cross(axis, log.gravity)
     model = replace(model, bodies=bodies, armature=armature)
-    return NamedArm(estimate, scale, fitted_mechanism(m, model, log.torque_kind == SERVO), gravity, values)
+    return NamedArm(estimate, scale, model.mechanism(m, log.torque_kind == SERVO), gravity, values)

@@ -10,14 +10,15 @@ little.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from scipy.signal import lfilter
 
 from bayescal.arm.transforms import compiled
-from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, Waves, joint
+from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, Waves, columns, joint
 from bayescal.motion.settings import CELLS, FORMS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
@@ -129,6 +130,13 @@ def cells(s: Signals, model: Operating, scale: Scale, r: Ranges) -> Iterator[For
         yield form, form.term("N", CELLS.force, part=name), by[:, :, -1] @ unit
 
 
+def candidates(
+    s: Signals, model: Operating, scale: Scale, r: Ranges, general: bool = True
+) -> Iterable[FormColumn]:
+    """Columns of every effect that a log can tell of, and of `general` functions."""
+    return chain(columns(s, model, scale), cells(s, model, scale, r) if general else ())
+
+
 def presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
     """Deflection (N,) of bristles, -1 to 1, that a way of `length` rad saturates (Dahl, 1976)."""
     return _bristles(speed * step / length)
@@ -164,6 +172,14 @@ class Kept:
     load: np.ndarray
     way: np.ndarray  # (M, n) direction of motion
 
+    @classmethod
+    def of(cls, s: Signals, model: Operating, r: Ranges) -> Kept:
+        """Signals of a motion that errors are in proportion to."""
+        return cls(
+            s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
+            s.kept(model.load(s)) / r.usual_load, s.kept(model.reversal(s)),
+        )  # fmt: skip
+
 
 RESPONSES: Mapping[str, Callable[[Kept, int], np.ndarray]] = {
     "": lambda k, j: np.ones(len(k.load)),
@@ -191,22 +207,12 @@ class Argument:
 
 def quantities(s: Signals, model: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
     """Signals of a motion that errors are in proportion to, and quantities that they may depend on."""
-    k = kept_signals(s, model, r)
-    return k, tuple(_arguments(s, model.load(s), model.torque(s), r, k, waves))
+    k = Kept.of(s, model, r)
+    return k, tuple(_arguments(s, model, r, k, waves))
 
 
-def kept_signals(s: Signals, model: Operating, r: Ranges) -> Kept:
-    """Signals of a motion that errors are in proportion to."""
-    return Kept(
-        s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
-        s.kept(model.load(s)) / r.usual_load, s.kept(model.reversal(s)),
-    )  # fmt: skip
-
-
-def _arguments(
-    s: Signals, load: np.ndarray, torque: np.ndarray, r: Ranges, k: Kept, waves: Waves
-) -> Iterator[Argument]:
-    few = PRODUCTS.waves
+def _arguments(s: Signals, model: Operating, r: Ranges, k: Kept, waves: Waves) -> Iterator[Argument]:
+    few, load, torque = PRODUCTS.waves, model.load(s), model.torque(s)
     for j in range(s.log.n):
         label = f" of joint {j + 1}"
         yield Argument("angle" + label, _waves(k.q[:, j], r.angle[:, j], PRODUCTS.angles), j)

@@ -240,7 +240,7 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
         sure = sure if explained >= VERDICT.sure else ()
         kind = "named+unexplained" if sure else "unknown" if unknown >= VERDICT.sure else "ambiguous"
     elif len(best.names) == 1 and probability[best.names[0]] < VERDICT.alone and unknown >= VERDICT.fewest:
-        kind, members = "class", _members(best, hypotheses, probability)
+        kind, members = "class", _members(hypotheses, probability)
     elif len(sure) == len(best.names):
         kind = "named+unexplained" if unknown >= VERDICT.sure else "named"
         for name in sure:  # beside an unknown cause that varies as it does, a name may be its relative
@@ -301,11 +301,9 @@ def _explained(best: Hypothesis, hypotheses: tuple[Hypothesis, ...]) -> float:
     return float(np.clip(alone / best.log_evidence, 0.0, 1.0))
 
 
-def _members(
-    best: Hypothesis, hypotheses: tuple[Hypothesis, ...], probability: Mapping[str, float]
-) -> dict[str, float]:
+def _members(hypotheses: tuple[Hypothesis, ...], probability: Mapping[str, float]) -> dict[str, float]:
     """The leading effect, those that may be in its place, and a cause that is not in the list."""
-    leader = best.names[0]
+    leader = hypotheses[0].names[0]
     instead = {n for h in hypotheses if leader not in h.names for n in h.names if n != UNKNOWN}
     likely = sorted(instead, key=lambda n: (-probability[n], n))
     chosen = [leader, *(n for n in likely if probability[n] >= VERDICT.fewest)]

@@ -8,8 +8,8 @@ the speed at which friction reverses, are linearised at an `Operating` point tha
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -64,6 +64,27 @@ class Operating:
     shift: np.ndarray  # (n,) s by which torques are later than positions
     gain: np.ndarray  # (n,) measured torque over the true one
 
+    def moved(self, values: Mapping[str, float]) -> Operating:
+        """The operating point at deviations of terms."""
+        each = partial(by_joint, values, len(self.armature))
+        bodies = np.column_stack([each(f"{name} of link") for name in BODY])
+        slower = np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5))
+        return Operating(
+            self.bodies + bodies, self.armature + each("armature"), self.coulomb + each("coulomb"),
+            self.viscous + each("viscous"), self.offset + each("offset"), self.transition * slower,
+            self.shift + values.get("alignment", 0.0), self.gain + each("constant"),
+        )  # fmt: skip
+
+    def mechanism(self, m: Mechanism, servo: bool) -> Mechanism:
+        """A mechanism with these bodies, rotors and friction; of servos at their estimated stiffness."""
+        mass, centre, inertia = self.bodies[:, 0], self.bodies[:, 1:4], self.bodies[:, 4 + SIX]
+        by = self.gain if servo else 1.0
+        return replace(
+            m, mass=mass, centre=centre, inertia=inertia, armature=self.armature / by,
+            coulomb=self.coulomb / by, viscous=self.viscous / by,
+            transition=float(np.exp(np.mean(np.log(self.transition)))),
+        )  # fmt: skip
+
     @property
     def inertials(self) -> np.ndarray:
         """Parameters (n, 10) in which torques are linear, as `Mechanism.inertials`."""
@@ -96,13 +117,12 @@ class Operating:
         drive = np.array([stiffness, self.coulomb, self.viscous, self.armature])
         drive = np.maximum(drive, [least, least, least, 0.0 * least])
         load = self.gain * self.load(s) + self.offset
-        return stuck(self.commands(s, self.shift), load, drive, s.q[0], s.step)
+        return stuck(self.commands(s), load, drive, s.q[0], s.step)
 
-    def commands(self, s: Signals, late: np.ndarray) -> np.ndarray:
-        """Commands (N, n) of an earlier time, by delays (n,), s."""
+    def commands(self, s: Signals) -> np.ndarray:
+        """Commands (N, n), at the times at which the servos act on them."""
         assert s.command is not None
-        spline, first, last = CubicSpline(s.time, s.command), s.time[0], s.time[-1]
-        return np.column_stack([spline(np.clip(s.time - t, first, last))[:, j] for j, t in enumerate(late)])
+        return _shifted(s, s.command, np.clip(s.time[:, None] - self.shift, s.time[0], s.time[-1]))
 
     def torque(self, s: Signals) -> np.ndarray:
         """Torque of the motors (N, n) that the model predicts."""
@@ -122,12 +142,14 @@ class Operating:
     def measured(self, s: Signals) -> np.ndarray:
         """Measured torque (N, n), at the times of the positions."""
         if s.log.torque_kind == SERVO:
-            return s.torque + s.log.controller.stiffness * (self.commands(s, self.shift) - s.command)
-        if not np.any(self.shift):
-            return s.torque
-        later = s.time[:, None] + self.shift
-        spline = CubicSpline(s.time, s.torque)
-        return np.column_stack([spline(later[:, j])[:, j] for j in range(later.shape[1])])
+            return s.torque + s.log.controller.stiffness * (self.commands(s) - s.command)
+        return _shifted(s, s.torque, s.time[:, None] + self.shift) if np.any(self.shift) else s.torque
+
+
+def _shifted(s: Signals, x: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Samples (N, n) of each joint at times (N, n) of its own."""
+    spline = CubicSpline(s.time, x)
+    return np.column_stack([spline(t)[:, j] for j, t in enumerate(times.T)])
 
 
 def by_joint(values: Mapping[str, float], n: int, name: str) -> np.ndarray:
@@ -140,7 +162,7 @@ def later(s: Signals, model: Operating) -> np.ndarray:
     if s.log.torque_kind != SERVO:
         return -derivative(model.measured(s), s.step)
     # where friction holds a joint, it takes up what the command changes
-    return s.log.controller.stiffness * derivative(model.commands(s, model.shift), s.step) * model.stuck(s)[2]
+    return s.log.controller.stiffness * derivative(model.commands(s), s.step) * model.stuck(s)[2]
 
 
 def nominal(log: Log, rms: np.ndarray) -> Operating:
@@ -251,6 +273,23 @@ def residuals(s: Signals, model: Operating) -> np.ndarray:
             assert s.link is not None
             out.append(s.link - s.q)
     return np.column_stack(out)
+
+
+def from_nominal(
+    s: Signals, model: Operating, columns: Iterable[Column], moved: Mapping[str, float]
+) -> np.ndarray:
+    """Residuals (N, C) of a model plus what its columns are at the deviations by which it is moved."""
+    out = residuals(s, model)
+    moving = np.zeros_like(s.torque)
+    for term, column in columns:
+        if term.name in moved and not term.name.startswith(tuple(s.log.kinds[1:])):
+            for j, value in by_channel(term, column):
+                out[:, j] += moved[term.name] * value
+                if term.moves:
+                    moving[:, j] += moved[term.name] * value
+    for j in range(s.log.n) if TRACKING in s.log.kinds else ():
+        out[:, channel(s.log, TRACKING, j)] += displaced(s, s.step, s.weight[:, j] * moving[:, j], j)
+    return out
 
 
 def damped(s: Signals) -> np.ndarray:

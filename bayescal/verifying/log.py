@@ -308,14 +308,13 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         nominal=rms(before),
         fitted=rms(after),
         rows=sum(map(len, after)),
-        tracking=replayed(simulator, log, parts, _arms(log, estimate, fitted, values, text)),
+        tracking=replayed(simulator, log, parts, _arms(estimate, fitted, values, text)),
     )
 
 
-def _arms(
-    log: Log, estimate: Estimate, fitted: Mechanism, values: Mapping[str, float], text: str
-) -> dict[str, Arm]:
+def _arms(estimate: Estimate, fitted: Mechanism, values: Mapping[str, float], text: str) -> dict[str, Arm]:
     """The arms to be replayed: nominal, fitted, and with the effects of a diagnosis."""
+    log = estimate.parts[0].log
     if isinstance(law_of(log, estimate.parts), str):
         return {}
     named = any(map(effect_of, values))

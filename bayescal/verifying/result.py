@@ -27,10 +27,10 @@ from bayescal.fitted.unmodelled import state_row
 from bayescal.robots.tree import BETWEEN
 from bayescal.robots.urdf import parse_markup
 from bayescal.storage.reading import decoded
+from bayescal.storage.stopping import Progress, silent
 from bayescal.verifying.gap import After, Before, Gap, in_simulator, read_reported, simulated_gap
 from bayescal.verifying.simulator import File, Level, chosen, levels, limit, modelled
 
-Notify = Callable[[str, float], None]
 Compared = tuple[tuple[Level, ...], Before, After, str]
 """Levels; TCP positions of another arm and of the file in rows of the session; the simulators."""
 
@@ -55,7 +55,7 @@ class Verification:
         return all(level.passed for level in self.levels)
 
 
-def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) -> Verification:
+def verify(run: Path, path: Path, progress: Progress = silent) -> Verification:
     """Load a written file in its simulator, and replay the session.
 
     Raises
@@ -75,8 +75,8 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
     _check_alike(arm, sidecar, str(sidecar_of(path)))
     state = state_row(arm.dataset, row=sidecar["state"]["row"])
     arm, reported = sprung(arm) if sidecar["format"] == "mjcf" else arm, read_reported(run)
-    compared, before, after, software = VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, notify)
-    notify("replay", 0.0)
+    compared, before, after, software = VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, progress)
+    progress("replay", 0.0)
     gap = simulated_gap(arm, before, after, reported)
     sizes = {e["effect"]: e["rms_um"] for e in sidecar["not_expressed"]}
     missing = {name: 1e-6 * size for name, size in sizes.items() if size}
@@ -85,10 +85,10 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
 
 
 def _mjcf(
-    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, notify: Notify
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, progress: Progress
 ) -> Compared:
     file = File.of(arm, text, path, sidecar)
-    compared = levels(arm, file, state, lambda share: notify("levels", share))
+    compared = levels(arm, file, state, progress)
 
     def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
         return in_simulator(other, File.new(other, state, file.script), rows, state)
@@ -98,7 +98,7 @@ def _mjcf(
 
 
 def _urdf(
-    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, notify: Notify
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, progress: Progress
 ) -> Compared:
     simulated, rows, rigid = simulators(text, sidecar, str(path)), chosen(arm), held(arm)
     model = modelled(rigid, rows, arm.dataset.measurements.readings[rows], state)

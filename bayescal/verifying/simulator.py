@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +22,7 @@ from bayescal.exporting.mjcf.scene_arm import compiled
 from bayescal.exporting.written import IN_F0, mujoco
 from bayescal.fitted.arm import NOMINAL, FittedArm
 from bayescal.robots.urdf import parse_markup
+from bayescal.storage.stopping import Progress, silent
 
 RAMP = 120
 """Steps, with the time step of the file, of the motion before a pose."""
@@ -364,9 +365,7 @@ def chosen(arm: FittedArm) -> np.ndarray:
     return rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]
 
 
-def levels(
-    arm: FittedArm, file: File, state: int, notify: Callable[[float], None] = lambda share: None
-) -> tuple[Level, ...]:
+def levels(arm: FittedArm, file: File, state: int, progress: Progress = silent) -> tuple[Level, ...]:
     """Compare every model level of an arm, as far as MJCF holds it, with a simulator.
 
     The last level is the written file; the others are files written in the same way.
@@ -378,12 +377,12 @@ def levels(
         The written one.
     state : int
         Row of the session whose state the file has.
-    notify : callable
-        Called with the completed fraction.
+    progress : callable
+        As of `verify`.
     """
     rows, out = chosen(arm), []
     for k, name in enumerate(arm.levels):
-        notify(k / len(arm.levels))
+        progress("levels", k / len(arm.levels))
         arm_of_level = arm if name == arm.levels[-1] else arm.level(name)
         used = file if arm_of_level is arm else File.new(arm_of_level, state, file.script)
         reached, points = Machine.of(arm_of_level, state, used).replayed(rows)

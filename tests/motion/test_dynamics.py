@@ -12,7 +12,6 @@ from bayescal.logs import read_log
 from bayescal.logs.types import Controller, inertial, mechanism_of
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import EFFECTS, Scale, warming
-from bayescal.motion.estimate import moved_to
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import all_signals
 from bayescal.motion.terms import ALL, FORM, Term, assembled, baseline, nominal
@@ -146,7 +145,7 @@ def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts
             slope = -start.gain * start.coulomb * (way - way**3)
             slope *= [term.channel in (ALL, j) for j in range(3)]
         else:
-            both = [moved_to(start, s, {term.name: d}) for d in (step, -step)]
+            both = [start.moved({term.name: d}) for d in (step, -step)]
             slope = (both[0].shown(s) - both[1].shown(s)) / (2 * step)
         expected = column if term.channel == ALL else np.zeros_like(slope)
         if term.channel != ALL:
