@@ -17,7 +17,7 @@ from bayescal import effects
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
-from bayescal.dataset import Measurements, Target, read_dataset, write_dataset
+from bayescal.dataset import Measurements, Target
 from bayescal.effects import Effect, Parameter, Site, Term
 from bayescal.estimate import calibrated, estimate
 from bayescal.exporting import FORMATS
@@ -483,15 +483,6 @@ def test_robot_yaml(name, tmp_path):
     u = dict(zip((p.name for p in found.model.parameters), found.sd * found.model.sd, strict=False))
     for name in ("compliance J2", "compliance J3"):
         assert abs(fitted[name] - known[name]) < 0.1 * u[name]
-
-
-def test_through_the_files(tmp_path):
-    """The dataset with the exported robot is written and read as any other."""
-    arm = fake(session_of(), ("geometry", "compliance"))
-    (tmp_path / "arm.yaml").write_text(export(arm, "robot.yaml").written.content)
-    write_dataset(measured(arm, robot_of("arm.yaml", tmp_path), np.eye(6)), tmp_path / "next")
-    z, _ = corrections(read_dataset(tmp_path / "next"), ("geometry", "compliance"))
-    assert max(abs(value) for value in z.values()) < 0.1
 
 
 def test_a_joint_that_turns_without_end_has_no_limits_in_the_files(tmp_path):

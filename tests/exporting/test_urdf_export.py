@@ -271,22 +271,6 @@ def test_sizes_of_what_is_missing(outliers):
     assert out.total.rms >= 0.5 * missing["compliance"].rms
 
 
-def test_files_are_written_together_and_never_over_those_of_a_user(arm, tmp_path):
-    path, out = tmp_path / "arm.urdf", export(arm, "urdf", into=saved(tmp_path))
-    with pytest.raises(BayescalError, match="is the file to patch itself"):
-        out.save(path)
-    assert path.read_text() == LRMATE
-    assert [p.name for p in out.save(tmp_path / "new.urdf")] == ["new.urdf", "new.urdf.bayescal.json"]
-    out.save(tmp_path / "new.urdf")  # an unchanged export is replaced
-    (tmp_path / "new.urdf").write_text("mine")
-    with pytest.raises(BayescalError, match="is no unchanged export"):
-        out.save(tmp_path / "new.urdf")
-    with pytest.raises(BayescalError, match="Not a directory"):
-        out.save(tmp_path / "arm.urdf" / "new.urdf")
-    assert {p.name for p in tmp_path.iterdir()} == {"arm.urdf", "new.urdf", "new.urdf.bayescal.json"}
-    assert all(file.exists() for file in out.save(tmp_path / "made" / "here" / "new.urdf"))
-
-
 # --- XML changed in place: what does not change stays to the byte, and the text is the tree.
 
 TAGS, VALUES = ("a", "b-c", "long_name"), ("", "1 2", "x > y", "a &amp; b", "&lt;&#181;", "it's")

@@ -98,14 +98,10 @@ def by_time(tracked, tmp_path, which=range(40), pair="time:1 s", map_=STAMPED, *
     return convert(Request(log, BY_TIME, points=seen, points_map=map_, pair=pair, **USUAL))
 
 
-def test_by_time(tracked, tmp_path):
+def test_how_rows_are_paired_by_time_is_noted(tracked, tmp_path):
     which = [i for i in range(40) if i not in (7, 20)]
     got = by_time(tracked, tmp_path, which)
-    rows = got.dataset.measurements
-    assert rows.ids == tuple(f"P{i}" for i in which)
-    np.testing.assert_allclose(rows.readings, tracked.measurements.readings[which], atol=1e-9)
-    np.testing.assert_allclose(rows.xyz, tracked.measurements.xyz[which], atol=1e-9)
-    np.testing.assert_allclose(rows.time, 10.0 * np.array(which), atol=1e-6)
+    assert got.dataset.measurements.ids == tuple(f"P{i}" for i in which)
     assert any("differences of 0.3 s (median), 0.3 s (maximum)" in note for note in got.notes)
     assert any(note == "38 of 200 rows of ctrl.csv are used" for note in got.notes)
 

@@ -87,18 +87,6 @@ def test_a_machine_may_stand_at_the_limits_of_its_file(run, tmp_path):
     assert bc.verify(run, tmp_path / "arm.xml").passed
 
 
-def test_an_export_replaces_an_export_and_no_file_of_the_user(run, tmp_path):
-    path, beside = bc.export(run, "urdf").save(tmp_path / "arm.xml")
-    assert bc.export(run, "mjcf").save(path) == (path, beside)
-    path.write_text(path.read_text() + "<!-- mine -->")
-    for mine in (path, tmp_path / "other.xml"):
-        mine.write_text("mine")
-        with pytest.raises(bc.BayescalError, match="exists and is no unchanged export"):
-            bc.export(run, "urdf").save(mine)
-        assert mine.read_text() == "mine"
-    assert {p.name for p in tmp_path.iterdir()} == {path.name, beside.name, "other.xml"}
-
-
 def test_what_a_file_lacks_has_its_size_whatever_its_sign(run):
     record = bc.load(run).record
     offsets = [p for p in record["parameters"] if p["name"].startswith("offset")]

@@ -232,7 +232,7 @@ def test_a_torque_of_too_few_digits_is_left_out(null_log):
 
 
 @pytest.mark.parametrize(
-    ("counts", "said"), [(8192, "above 2.6 Hz"), (2048, "above 2.5 Hz"), (2048, "noise counts as")]
+    ("counts", "said"), [(8192, ["above 2.6 Hz"]), (2048, ["above 2.5 Hz", "noise counts as"])]
 )
 def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log, counts, said):
     """Noise of accelerations is in drivers and residuals alike; late velocities would make torques early."""
@@ -245,7 +245,7 @@ def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log,
     found = diagnose(replace(log, motions=tuple(map(coarse, log.motions))))
     assert found.verdict.kind == "null"
     assert "rows about reversals are left out where speeds are noise" in found.warnings[-1]
-    assert said in found.warnings[-1]
+    assert all(words in found.warnings[-1] for words in said)
 
 
 def test_rows_about_a_reversal_do_not_count_where_speeds_are_noise(null_parts):

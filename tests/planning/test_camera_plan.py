@@ -41,8 +41,8 @@ def setup(mount="flange"):
 
 
 @cache
-def pool(mount="flange", count=480):
-    return candidates(setup(mount), count)
+def pool(mount="flange"):
+    return candidates(setup(mount), 480)
 
 
 def pose(rpy, xyz):
@@ -189,7 +189,7 @@ def board_corners(d, readings):
 
 @pytest.mark.parametrize("mount", ["flange", "fixed"])
 def test_motions_between_images_are_free_by_fine_sampling(mount):
-    some, rng = pool(mount, 240), np.random.default_rng(0)
+    some, rng = pool(mount), np.random.default_rng(0)
     moves, drawn = Transits(some), rng.permutation(some.candidates)[:8]
     rows = drawn[ordered(some, drawn, "sweeps", rng, moves.blocked)]
     found = against(some, rows, moves.ways(rows))

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sessions import with_columns
-from simulated_pools import MODEL, gap_pool, linear, mixed, nominal, pool, pool_of
+from simulated_pools import MODEL, gap_pool, linear, nominal, pool, pool_of
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import root
@@ -144,16 +144,6 @@ def test_curves(plan):
     assert all(a < b for (_, a), (_, b) in zip(got.curve, got.curve_random, strict=True))
     last = curves(found, of, np.arange(590), Random(pool()))
     assert last.next_u < u_of(found, of[0], np.arange(590))  # ten candidates are left
-
-
-def test_points_of_an_instrument_are_planned_too():
-    found = linearised(mixed(), MODEL)
-    of = goals(mixed(), found)
-    chosen = select(found, of, 45, np.random.default_rng(0), starts=1)
-    tracked = np.isfinite(mixed().session.measurements.xyz[mixed().candidates[chosen], 0])
-    got = expected(found, of, chosen, Random(mixed()))
-    assert tracked.sum() > 0
-    assert all(e.u < e.u_random for e in got)
 
 
 # --- What a plan shows: amplitudes at the stated detectability, pairs at plausible amplitudes, interventions.

@@ -420,14 +420,6 @@ def test_nothing_is_approached_where_nothing_is_touched(tracker):
     assert text.count("sleep(2.00)") == len(plan.purpose)  # the instrument reads an arm at rest
 
 
-def test_an_arm_without_six_joints_has_no_urscript(exported_plan):
-    short = replace(
-        exported_plan.session, robot=replace(exported_plan.session.robot, joint_names=("J1", "J2"))
-    )
-    with pytest.raises(BayescalError, match="arms of 6 joints"):
-        text_of(replace(exported_plan, session=short), "urscript")
-
-
 def test_an_arm_that_a_format_does_not_know_is_refused_before_the_plan(exported_plan, monkeypatch):
     session = exported_plan.session
     short = replace(session, robot=replace(session.robot, joint_names=("J1", "J2")))

@@ -99,7 +99,7 @@ def many_targets(fit):
     return fit | {"rows": rows, "validation": checked, "parameters": own}
 
 
-CASES = {80: ("long names", "seven joints", "points", "empty tables"), 160: ("long names", "points")}
+CASES = {80: ("long names", "seven joints", "points", "empty tables"), 160: ("long names",)}
 """Records by width: a wide figure has panels beside each other, and more room."""
 
 

@@ -261,7 +261,7 @@ CASES = {
 }
 
 
-DRAWN = ("named", "no distances", "single plane, no time")
+DRAWN = ("named", "single plane, no time")
 """Cases whose pictures are drawn here; `test_figures` draws the others."""
 
 
