@@ -31,7 +31,7 @@ from bayescal.gap.result import Verdict
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.candidates import Variant, candidates
 from bayescal.gap.search.refit import refit
-from bayescal.methods.compare import METHODS
+from bayescal.methods import METHODS
 from bayescal.methods.published import NOMINAL, OURS, Method
 from bayescal.model import ARM, Model, build, with_parameters
 from bayescal.model.equilibrium import standing_model

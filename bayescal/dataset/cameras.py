@@ -2,17 +2,17 @@
 
 A target of kind `camera` is what is fixed in the cell: the camera (`mount: fixed`), or the board of a camera
 on the flange (`mount: flange`). The tool of its rows is what the flange carries. Where the place of the
-target is not stated with an uncertainty, target and tool are placed by `arm.hand_eye` from the rows.
-
-Boards that cameras see: their points by the text of dataset.yaml, in the numbering of OpenCV.
+target is not stated with an uncertainty, target and tool are placed by `arm.hand_eye` from the rows. Points
+of boards follow from the text of dataset.yaml, in the numbering of OpenCV.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -91,8 +91,9 @@ def transposed(text: str) -> str:
     return f"{kind}:{down}x{across}:{sizes}" if by and across != down else ""
 
 
-T = TypeVar("T")
 FLANGE, FIXED = "flange", "fixed"
+PINHOLE = ("fx", "fy", "cx", "cy")
+"""Values of a camera that are not of the distortion of its lens."""
 PIXEL = 0.2
 """px, noise of a corner where none is stated (assumed: subpixel corners scatter by 0.1 to 0.3 px)."""
 USUAL = {"focal": 2e-3, "centre": 3.0, "k": 1e-2, "p": 1e-3, "scale": 1e-3, "flatness": 2e-4}
@@ -186,9 +187,9 @@ def camera(t: Target, middle: np.ndarray, read: np.ndarray, pose: np.ndarray, sd
     frame = rigid(rpy_matrix(np.asarray(t.values["rpy"])), np.asarray(t.values["xyz"]))
     lens, points = lens_of(t), board(t).points
     corner = points[read[:, 2].astype(int)] if len(read) else np.zeros((0, 3))
-    carried = t.texts["mount"] == FLANGE
-    pivot = frame[:3, 3] + frame[:3, :3] @ points.mean(axis=0) if carried else middle
-    bare = Camera(frame, pivot, corner, np.asfortranarray(read[:, :2]), lens, np.ones(len(read)), sd, carried)
+    pivot = frame[:3, 3] + frame[:3, :3] @ points.mean(axis=0) if carried(t) else middle
+    pixel, scale = np.asfortranarray(read[:, :2]), np.ones(len(read))
+    bare = Camera(frame, pivot, corner, pixel, lens, scale, sd, carried(t))
     depth = np.maximum(bare.seen(np.zeros(6), pose)[2], NEAREST) if len(read) else np.ones(0)
     return replace(bare, scale=depth / np.mean(lens.focal))
 
@@ -223,11 +224,10 @@ def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
     t = dataset.targets[target]
     read = np.ascontiguousarray(m.pixel[rows], float)
     lens = lens_of(t)
-    numbers = np.concatenate([lens.focal, lens.centre, lens.coefficients])
-    points = board(t).points
     poses, misfit, scatter = _poses(
-        read.tobytes(), image.astype(np.int64).tobytes(), lens.model, numbers.tobytes(), points.tobytes()
-    )
+        read.tobytes(), image.astype(np.int64).tobytes(), lens.model, lens_numbers(lens).tobytes(),
+        board(t).points.tobytes(),
+    )  # fmt: skip
     first = np.full(len(poses), -1)
     first[image[::-1]] = rows[::-1]
     return Images(image, first, poses, misfit, scatter, np.zeros(len(poses)))
@@ -282,32 +282,27 @@ def closed_form(
         return seen, good, None
     t, m = dataset.targets[target], dataset.measurements
     assert m.pixel is not None
-    carried = t.texts["mount"] == FLANGE
-    flange = flange_poses(dataset, readings[seen.first[good]])
+    on_flange, flange = carried(t), flange_poses(dataset, readings[seen.first[good]])
 
     def solved(poses: np.ndarray) -> hand_eye.HandEye:
-        return hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
+        return hand_eye.hand_eye(flange, hand_eye.inverse(poses) if on_flange else poses)
 
     poses, some = seen.poses[good], good[seen.image]
-    corner, xy = _directions(t, m.pixel[rows[some]])
+    pixel = m.pixel[rows[some]]
+    corner = board(t).points[pixel[:, 2].astype(int)]
+    xy = lens_of(t).directions(np.ascontiguousarray(pixel[:, :2].T, float)).T
     image = (np.cumsum(good) - 1)[seen.image[some]]
     solution = solved(poses)
     for _ in range(DECISIONS):
-        decided = hand_eye.decided(poses, solution.predicted(flange, carried), corner, xy, image)
+        decided = hand_eye.decided(poses, solution.predicted(flange, on_flange), corner, xy, image)
         if np.all(decided == poses):
             break
         poses, solution = decided, solved(decided)
     every, off = seen.poses.copy(), np.zeros(len(good))
     every[good] = poses
-    agrees = hand_eye.as_good(solution.predicted(flange, carried), poses, corner, xy, image)
+    agrees = hand_eye.as_good(solution.predicted(flange, on_flange), poses, corner, xy, image)
     off[good] = np.where(agrees, 0.0, solution.away)
     return replace(seen, poses=every, off=off), good, solution
-
-
-def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (C, 3), m, and directions (C, 2) of pixels and numbers (C, 3)."""
-    corner = board(t).points[pixel[:, 2].astype(int)]
-    return corner, lens_of(t).directions(np.ascontiguousarray(pixel[:, :2].T, float)).T
 
 
 def is_stated(of: Target | Tool) -> bool:
@@ -315,25 +310,28 @@ def is_stated(of: Target | Tool) -> bool:
     return of.u is not None or of.u_angle is not None
 
 
+def carried(t: Target) -> bool:
+    """Whether the camera is on the flange and the board fixed, or the other way round."""
+    return t.texts["mount"] == FLANGE
+
+
 def placed(dataset: Dataset, target: int, tool: int | None, solution: hand_eye.HandEye) -> Dataset:
     """The session with a target, and a tool if one is given, at the places that a hand-eye has."""
     if tool is not None:
-        on = replace(
-            dataset.tools[tool], centre=solution.on_flange[:, 3], rpy=rpy_of(solution.on_flange[:, :3])
-        )
-        dataset = replace(dataset, tools=_replaced(dataset.tools, tool, on))
-    t = dataset.targets[target]
-    values = t.values | {"xyz": solution.fixed[:, 3], "rpy": rpy_of(solution.fixed[:, :3])}
-    return replace(dataset, targets=_replaced(dataset.targets, target, replace(t, values=values)))
+        tools, pose = list(dataset.tools), solution.on_flange
+        tools[tool] = replace(tools[tool], centre=pose[:, 3], rpy=rpy_of(pose[:, :3]))
+        dataset = replace(dataset, tools=tuple(tools))
+    pose = solution.fixed
+    return restated(dataset, target, values={"xyz": pose[:, 3], "rpy": rpy_of(pose[:, :3])})
 
 
-def _replaced(items: tuple[T, ...], k: int, item: T) -> tuple[T, ...]:
-    return (*items[:k], item, *items[k + 1 :])
-
-
-def lens_names(lens: Lens) -> tuple[str, ...]:
-    """Of the numbers of a lens."""
-    return "fx", "fy", "cx", "cy", *NAMES[lens.model]
+def restated(
+    dataset: Dataset, target: int, *, values: Mapping[str, Any] = {}, texts: Mapping[str, str] = {}
+) -> Dataset:
+    """The session with some values and texts of a target stated otherwise."""
+    t, targets = dataset.targets[target], list(dataset.targets)
+    targets[target] = replace(t, values={**t.values, **values}, texts={**t.texts, **texts})
+    return replace(dataset, targets=tuple(targets))
 
 
 def lens_numbers(lens: Lens) -> np.ndarray:
@@ -343,10 +341,8 @@ def lens_numbers(lens: Lens) -> np.ndarray:
 
 def with_lens(dataset: Dataset, target: int, values: np.ndarray) -> Dataset:
     """The session with other numbers (K,) of the lens of a camera."""
-    t, targets = dataset.targets[target], list(dataset.targets)
-    new = dict(zip(("fx", "fy", "cx", "cy"), values[:4].tolist(), strict=True)) | {"distortion": values[4:]}
-    targets[target] = replace(t, values=t.values | new)
-    return replace(dataset, targets=tuple(targets))
+    new = dict(zip(PINHOLE, values[:4].tolist(), strict=True))
+    return restated(dataset, target, values=new | {"distortion": values[4:]})
 
 
 def best_lens(
@@ -393,7 +389,12 @@ def pixels_off(
     seen, _, solution = closed_form(dataset, target, rows, readings)
     if solution is None or m.pixel is None:
         return None
-    poses = solution.predicted(flange_poses(dataset, readings[seen.first]), t.texts["mount"] == FLANGE)
-    corner = board(t).points[m.pixel[rows, 2].astype(int)]
-    points = np.einsum("cij,cj->ci", poses[seen.image, :, :3], corner) + poses[seen.image, :, 3]
-    return m.pixel[rows, :2] - lens_of(t).pixels((points[:, :2] / points[:, 2:]).T).T, seen.image
+    poses = solution.predicted(flange_poses(dataset, readings[seen.first]), carried(t))
+    return m.pixel[rows, :2] - projected(t, poses[seen.image], m.pixel[rows, 2]), seen.image
+
+
+def projected(t: Target, poses: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Corners (C, 2), px, by their numbers (C,) and the poses (C, 3, 4) of the board in the camera."""
+    corner = board(t).points[number.astype(int)]
+    points = np.einsum("cij,cj->ci", poses[..., :3], corner) + poses[..., 3]
+    return lens_of(t).pixels((points[:, :2] / points[:, 2:]).T).T

@@ -24,6 +24,8 @@ from bayescal.dataset.types import Dataset
 
 RESOLUTIONS = (1.25, 4 / 3, 1.5, 1.6, 2.0, 2.25, 8 / 3, 3.0, 4.0, 6.0)
 """Ratios of the sizes of usual images."""
+RATIOS = (*RESOLUTIONS, *(1 / f for f in RESOLUTIONS))
+"""Those, and their inverses."""
 LINES = (1e-5, 2e-5, 3e-5, 5e-5, 8e-5)
 """s: times from one line of an image to the next that are tried."""
 FALLS = 3.0
@@ -58,11 +60,9 @@ def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tu
     """A lens that was calibrated with images of another size."""
     t, m = dataset.targets[target], dataset.measurements
     _, before, stated = cameras.closed_form(dataset, target, rows, m.readings)
-    for factor in (*RESOLUTIONS, *(1 / f for f in RESOLUTIONS)):
-        values = t.values | {key: t.values[key] / factor for key in ("fx", "fy", "cx", "cy")}
-        targets = list(dataset.targets)
-        targets[target] = replace(t, values=values)
-        other = replace(dataset, targets=tuple(targets))
+    for factor in RATIOS:
+        values = {key: t.values[key] / factor for key in cameras.PINHOLE}
+        other = cameras.restated(dataset, target, values=values)
         _, good, solution = cameras.closed_form(other, target, rows, m.readings)
         if solution is None or stated is None or np.sum(good) < np.sum(before):
             continue  # images that cannot be placed are not off
@@ -88,8 +88,7 @@ def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tup
     start, u = cameras.lens_numbers(cameras.lens_of(t)), np.concatenate([stated(t).focal, stated(t).centre])
     far = [k for k in range(4) if u[k] and abs(values[k] - start[k]) > OTHER * u[k]]
     if far and np.all(values[:2] > 0):
-        name = cameras.lens_names(cameras.lens_of(t))
-        each = [f"{name[k]} {values[k]:.0f} px, stated {start[k]:.0f} (u {u[k]:.2g})" for k in far]
+        each = [f"{cameras.PINHOLE[k]} {values[k]:.0f} px, stated {start[k]:.0f} (u {u[k]:.2g})" for k in far]
         what = (
             f"the images of `{t.name}` were taken with another lens or part of the sensor: {', '.join(each)}"
         )
@@ -151,10 +150,8 @@ def _pixels(
     """Corners (C, 2), px, as the hand-eye has them at readings (C, n)."""
     t, m = dataset.targets[target], dataset.measurements
     assert m.pixel is not None
-    poses = solution.predicted(cameras.flange_poses(dataset, readings), t.texts["mount"] == cameras.FLANGE)
-    corner = cameras.board(t).points[m.pixel[rows, 2].astype(int)]
-    points = np.einsum("cij,cj->ci", poses[..., :3], corner) + poses[..., 3]
-    return cameras.lens_of(t).pixels((points[:, :2] / points[:, 2:]).T).T
+    poses = solution.predicted(cameras.flange_poses(dataset, readings), cameras.carried(t))
+    return cameras.projected(t, poses, m.pixel[rows, 2])
 
 
 NEAR = 0.05
@@ -240,7 +237,7 @@ def _changes(dataset: Dataset, target: int, pixel: np.ndarray) -> Iterator[tuple
         orders |= {"with every line reversed": flipped, "from the last line on": count - 1 - flipped}
     for words, numbers in orders.items():
         yield f"its corners are numbered {words}", order, np.column_stack([pixel[:, :2], numbers])
-    for factor in (*RESOLUTIONS, *(1 / f for f in RESOLUTIONS)):
+    for factor in RATIOS:
         what = f"it fits when its pixels are multiplied by {factor:.3g}: it has another size than the others"
         yield what, "give its corners in pixels of the size of the others", pixel * [factor, factor, 1.0]
 

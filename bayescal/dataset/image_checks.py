@@ -5,7 +5,7 @@ The tool of a camera of `mount: flange` is the camera, of `mount: fixed` the boa
 
 from __future__ import annotations
 
-from dataclasses import replace
+from itertools import product as product_of
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,10 +45,8 @@ def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray
     if np.max(off) > MISFIT >= np.median(off):  # most images agree: the lens may be stated roughly
         lens = cameras.best_lens(dataset, target, rows, readings, 1.0)
         if lens is not None:
-            best = cameras.closed_form(cameras.with_lens(dataset, target, lens), target, rows, readings)[
-                0
-            ].off
-            off = np.minimum(off, best)
+            other = cameras.with_lens(dataset, target, lens)
+            off = np.minimum(off, cameras.closed_form(other, target, rows, readings)[0].off)
     return off[seen.image]
 
 
@@ -105,20 +103,15 @@ def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) ->
         "check `board`, or the numbers of the corners",
     )
     if not np.isnan(size := np.asarray(t.values["size"], float)).any():
-        outside = np.any((read[:, :2] < -1) | (read[:, :2] > size), axis=1)
-        if not np.any((read[:, 1::-1] < -1) | (read[:, 1::-1] > size)):
-            refuse(
-                outside,
-                f"a corner at ({{u_px}}, {{v_px}}) px, but images of `{t.name}` have {size[0]:g} x "
-                f"{size[1]:g} px; with both columns interchanged all corners are inside",
-                "exchange the headings `u_px` (to the right) and `v_px` (down)",
-            )
-        refuse(
-            outside,
-            f"a corner at ({{u_px}}, {{v_px}}) px, but images of `{t.name}` have "
-            f"{size[0]:g} x {size[1]:g} px",
-            "the calibration of the camera is of another resolution: give that of these images",
+        outside, turned = (np.any((uv < -1) | (uv > size), axis=1) for uv in (read[:, :2], read[:, 1::-1]))
+        what = (
+            f"a corner at ({{u_px}}, {{v_px}}) px, but images of `{t.name}` have {size[0]:g} x {size[1]:g} px"
         )
+        remedy = "the calibration of the camera is of another resolution: give that of these images"
+        if not turned.any():
+            what += "; with both columns interchanged all corners are inside"
+            remedy = "exchange the headings `u_px` (to the right) and `v_px` (down)"
+        refuse(outside, what, remedy)
 
 
 def _check_doubled(dataset: Dataset, target: int, rows: np.ndarray, table: Table) -> None:
@@ -151,9 +144,8 @@ def _check_board(dataset: Dataset, target: int, rows: np.ndarray, seen: cameras.
             "check the number of squares, the order of the corners, and the resolution of the calibration"
         )
         if other := cameras.transposed(t.texts.get("board", "")):
-            turned = replace(t, texts=dict(t.texts) | {"board": other})
-            every = tuple(turned if k == target else one for k, one in enumerate(dataset.targets))
-            then = cameras.closed_form(replace(dataset, targets=every), target, rows, m.readings)[0]
+            session = cameras.restated(dataset, target, texts={"board": other})
+            then = cameras.closed_form(session, target, rows, m.readings)[0]
             if (many := int(np.sum(then.misfit < cameras.FOREIGN))) > 0.5 * len(then.misfit):
                 what += f", those of {many} images a board {other}"
                 remedy = f"write `board: {other}`, or check the order of the corners"
@@ -173,11 +165,8 @@ def _check_arm(
     t, m = dataset.targets[target], dataset.measurements
     off = solution.misfit
     if off > MISFIT:
-        other = cameras.FIXED if t.texts["mount"] == cameras.FLANGE else cameras.FLANGE
-        turned = replace(t, texts=dict(t.texts) | {"mount": other})
-        session = replace(
-            dataset, targets=tuple(turned if k == target else one for k, one in enumerate(dataset.targets))
-        )
+        other = cameras.FIXED if cameras.carried(t) else cameras.FLANGE
+        session = cameras.restated(dataset, target, texts={"mount": other})
         swapped = cameras.closed_form(session, target, rows, m.readings)[2]
         assert swapped is not None
         if swapped.misfit < off / 3:
@@ -199,10 +188,10 @@ def _poses_of(
     dataset: Dataset, target: int, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, hand_eye.HandEye | None]:
     """Poses (I, 3, 4) of the flange, of what it carries in what is fixed, and the hand-eye of both."""
-    seen, good, solution = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)
-    poses, carried = seen.poses[good], dataset.targets[target].texts["mount"] == cameras.FLANGE
-    flange = cameras.flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
-    return flange, hand_eye.inverse(poses) if carried else poses, solution
+    readings = dataset.measurements.readings
+    seen, good, solution = cameras.closed_form(dataset, target, rows, readings)
+    poses, flange = seen.poses[good], cameras.flange_poses(dataset, readings[seen.first[good]])
+    return flange, inverse(poses) if cameras.carried(dataset.targets[target]) else poses, solution
 
 
 def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
@@ -275,7 +264,7 @@ def region(t: Target, session: Session) -> Region:
     """
     place, rpy = np.asarray(t.values["xyz"], float), np.asarray(t.values["rpy"], float)
     if np.isnan(place).any() or np.isnan(rpy).any():
-        fixed = "board" if t.texts["mount"] == cameras.FLANGE else "camera"
+        fixed = "board" if cameras.carried(t) else "camera"
         what = f"where the {fixed} of `{t.name}` is cannot be told"
         state = "state `xyz_mm`, `rpy_deg`, and those of the tool"
         remedy = f"plan `--after` a session of some images, or {state}"
@@ -284,7 +273,7 @@ def region(t: Target, session: Session) -> Region:
     if len(seen):
         apart = np.linalg.norm(seen - place, axis=1)
         span = np.array([NEARER * apart.min(), FARTHER * apart.max()])
-    up = rpy_matrix(rpy)[:, 2] * _outward(t) if t.texts["mount"] == cameras.FLANGE else np.empty(0)
+    up = rpy_matrix(rpy)[:, 2] * _outward(t) if cameras.carried(t) else np.empty(0)
     return Region(place, up=up, span=span)
 
 
@@ -294,9 +283,7 @@ def aims(t: Target, place: Region, count: int, rng: np.random.Generator) -> np.n
     Uniform are the direction in which the board is seen within `STEEPEST` of its normal, the logarithm of the
     distance, and the roll about the line of sight.
     """
-    some, size, lens = DRAWN * count, size_of(t), cameras.lens_of(t)
-    points = cameras.board(t).points
-    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    some, size, lens, middle = DRAWN * count, size_of(t), cameras.lens_of(t), _middle(t)
     # in the frame of the camera: where the middle of the board is, and its axes
     angle, radius = rng.uniform(0, 2 * np.pi, some), ASIDE * np.sqrt(rng.uniform(0, 1, some))
     pixel = 0.5 * size[:, None] * (1 + radius * np.array([np.cos(angle), np.sin(angle)]))
@@ -309,20 +296,27 @@ def aims(t: Target, place: Region, count: int, rng: np.random.Generator) -> np.n
     axes = np.stack([x, np.cross(z, x), z], axis=-1)
     shift = far[:, None] * sight - axes @ middle
     seen = np.concatenate([axes, shift[..., None]], axis=-1)
-    fixed = rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3]
-    tool = product(fixed, inverse(seen) if t.texts["mount"] == cameras.FLANGE else seen)
+    tool = product(_fixed(t, place), inverse(seen) if cameras.carried(t) else seen)
     bad = faults(t, place, tool) != ""
     return tool[np.argsort(bad, kind="stable")[:count]]
 
 
+def _middle(t: Target) -> np.ndarray:
+    """Middle (3,), m, of the board in its frame."""
+    points = cameras.board(t).points
+    return 0.5 * (points.max(axis=0) + points.min(axis=0))
+
+
+def _fixed(t: Target, place: Region) -> np.ndarray:
+    """Pose (3, 4) in F0 of what is fixed."""
+    return rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3]
+
+
 def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
     """Why the board is not in view at poses (M, 3, 4) of the tool in F0, or "", (M,)."""
-    fixed = rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3]
-    seen = (
-        product(inverse(tool), fixed) if t.texts["mount"] == cameras.FLANGE else product(inverse(fixed), tool)
-    )
+    fixed, middle = _fixed(t, place), _middle(t)
+    seen = product(inverse(tool), fixed) if cameras.carried(t) else product(inverse(fixed), tool)
     points, lens, size = cameras.board(t).points, cameras.lens_of(t), size_of(t)
-    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
     in_camera = np.einsum("mij,kj->mik", seen[:, :, :3], points) + seen[:, :, 3:]
     sight = seen[:, :, :3] @ middle + seen[:, :, 3]
     far = np.linalg.norm(sight, axis=1)
@@ -333,9 +327,8 @@ def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
     wide = float(np.linalg.norm(middle))
     out[(far < place.span[0] - wide) | (far > place.span[1] + wide)] = FAR
     before = in_camera[:, 2].min(axis=1) > 0.0
-    xy = np.where(
-        before[:, None, None], in_camera[:, :2] / np.where(before[:, None, None], in_camera[:, 2:], 1.0), 0.0
-    )
+    shown = before[:, None, None]
+    xy = np.where(shown, in_camera[:, :2] / np.where(shown, in_camera[:, 2:], 1.0), 0.0)
     pixel = lens.pixels(xy)
     margin = EDGE * size[:, None]
     inside = np.all((pixel > margin) & (pixel < size[:, None] - margin), axis=(1, 2)) & before
@@ -347,12 +340,9 @@ def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
 
 def sights(t: Target, place: Region, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """From the camera (M, 3) to the outermost points of the board (M, K, 3) in F0, at poses of the tool."""
-    fixed = np.broadcast_to(rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3], tool.shape)
-    eye, seen = (tool, fixed) if t.texts["mount"] == cameras.FLANGE else (fixed, tool)
-    low, high = cameras.board(t).points.min(axis=0), cameras.board(t).points.max(axis=0)
-    ends = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in {low[2], high[2]}]
-    )
+    fixed, points = np.broadcast_to(_fixed(t, place), tool.shape), cameras.board(t).points
+    eye, seen = (tool, fixed) if cameras.carried(t) else (fixed, tool)
+    ends = np.unique(list(product_of(*zip(points.min(axis=0), points.max(axis=0), strict=True))), axis=0)
     return eye[:, :, 3], np.einsum("mij,kj->mki", seen[:, :, :3], ends) + seen[:, None, :, 3]
 
 
@@ -369,7 +359,7 @@ def _plate(t: Target) -> tuple[np.ndarray, np.ndarray]:
 
 def obstacle(t: Target, place: Region) -> tuple[Shape, ...]:
     """The board as a plate, or the body of a fixed camera."""
-    if t.texts["mount"] != cameras.FLANGE:
+    if not cameras.carried(t):
         return (ball(place.centre, BODY),)
     local, half = _plate(t)
     turn = rpy_matrix(np.asarray(t.values["rpy"]))
@@ -378,7 +368,7 @@ def obstacle(t: Target, place: Region) -> tuple[Shape, ...]:
 
 def held(t: Target) -> tuple[Capsule, ...]:
     """The body of a camera on the flange, or a board that is carried: parallel capsules that contain it."""
-    if t.texts["mount"] == cameras.FLANGE:
+    if cameras.carried(t):
         return (Capsule(0, np.zeros(3), np.zeros(3), BODY, "camera"),)
     local, half = _plate(t)
     short, along = sorted((0, 1), key=lambda axis: half[axis])

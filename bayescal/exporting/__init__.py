@@ -7,7 +7,7 @@ FORMATS = {
     "robot.yaml": "bayescal.exporting.robot:ROBOT_YAML",
     "urdf": "bayescal.exporting.urdf:URDF",
     "sdf": "bayescal.exporting.urdf:SDF",
-    "mjcf": "bayescal.exporting.mjcf.format:MJCF",
+    "mjcf": "bayescal.exporting.mjcf:MJCF",
     "ur-yaml": "bayescal.exporting.offsets:UR_YAML",
     "dh-csv": "bayescal.exporting.robot:DH_CSV",
     "joint-zeros": "bayescal.exporting.offsets:JOINT_ZEROS",

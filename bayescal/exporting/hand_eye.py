@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.motion import TURN
 from bayescal.arm.transforms import rigid
-from bayescal.dataset.cameras import FLANGE, board, lens_of
+from bayescal.dataset.cameras import FLANGE, board, carried, lens_of
 from bayescal.effects.geometry import TOOL
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import STATE
@@ -73,7 +73,7 @@ def hand_eyes(arm: FittedArm, state: int = -1) -> list[HandEye]:
         camera, seen = f"{t.name}_camera", f"{t.name}_board"
         for k in np.unique(m.tool[block.rows]).tolist():
             tool = arm.dataset.tools[k]
-            names = (camera, seen) if t.texts["mount"] == FLANGE else (seen, camera)
+            names = (camera, seen) if carried(t) else (seen, camera)
             held, fixed = _on_flange(arm, k, names[0], state), _fixed(arm, block.target, names[1], state)
             out.append(HandEye(t.name, tool.name, t.texts["mount"], held, fixed))
     return out

@@ -33,7 +33,7 @@ import numpy as np
 
 from bayescal.arm.hand_eye import inverse, product
 from bayescal.assess.shared_causes import completed
-from bayescal.dataset.cameras import FLANGE, closed_form
+from bayescal.dataset.cameras import carried, closed_form
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated
 from bayescal.estimate.bounds import bounded
@@ -265,15 +265,15 @@ def on_flange(scene: Scene, target: int, solver: str) -> np.ndarray:
     import cv2
 
     flange, board, _ = poses(scene, target)
-    carried = scene.dataset.targets[target].texts["mount"] == FLANGE
-    given = flange if carried else inverse(flange)
+    camera_moves = carried(scene.dataset.targets[target])
+    given = flange if camera_moves else inverse(flange)
     method = getattr(cv2, f"CALIB_HAND_EYE_{solver}")
     turns, shifts = list(given[:, :, :3]), list(given[:, :, 3])
     turn, shift = cv2.calibrateHandEye(
         turns, shifts, list(board[:, :, :3]), list(board[:, :, 3]), method=method
     )
     pose = np.column_stack([turn, np.ravel(shift)])
-    if carried:
+    if camera_moves:
         return pose
     # a fixed camera: the board on the flange, as the median image has it
     every = product(inverse(flange), product(pose, board))

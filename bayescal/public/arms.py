@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import RenderableType
 
-    from bayescal.compensating.compensation import Compensation
+    from bayescal.compensating import Compensation
     from bayescal.exporting.log_arm import LogExport
     from bayescal.fitted.arm import FittedArm
     from bayescal.verifying.log import LogVerification
@@ -275,7 +275,7 @@ def compensate(
     """
     import numpy as np
 
-    from bayescal.compensating.compensation import compensate_file
+    from bayescal.compensating import compensate_file
     from bayescal.fitted import gate
 
     arm = arm_of(run, names(with_), names(without))

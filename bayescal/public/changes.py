@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from bayescal import changes as outcome
 from bayescal.changes import history as runs
-from bayescal.compensating.compensation import read_targets
+from bayescal.compensating import read_targets
 from bayescal.programs.text import Target
 from bayescal.public import Result, table
 from bayescal.public.arms import names

@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal import __version__
-from bayescal.compensating.compensation import Compensation
+from bayescal.compensating import Compensation
 from bayescal.effects.geometry import TOOL
 from bayescal.effects.selection import plain as without_setting
 from bayescal.exporting.export import Exported

@@ -13,8 +13,8 @@ import numpy as np
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf import holds, mjcf
 from bayescal.exporting.mjcf.elastic import Content
-from bayescal.exporting.mjcf.format import holds, mjcf
 from bayescal.exporting.mjcf.mechanism import Load, loads, places
 from bayescal.exporting.mjcf.readings import STIFF, Joints, Law, bare, error, law_of, posture
 from bayescal.exporting.mjcf.replay import hold_base

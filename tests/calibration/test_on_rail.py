@@ -13,7 +13,7 @@ from analysis.straightness import curves_of
 from analysis.world import rail
 from analysis.world.arm import Arm, nominal
 from bayescal.arm.chain import chain_of, frames, link_angles, points
-from bayescal.compensating.compensation import compensate_file
+from bayescal.compensating import compensate_file
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export

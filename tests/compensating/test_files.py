@@ -8,7 +8,7 @@ import program_texts as programs
 import pytest
 from compensate_arms import arm_with
 
-from bayescal.compensating.compensation import compensate_file
+from bayescal.compensating import compensate_file
 from bayescal.compensating.position import positions
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import write_arm

@@ -13,7 +13,7 @@ from analysis.world.touch import World
 from bayescal.arm.inverse import nearest, solutions
 from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
-from bayescal.compensating.compensation import compensate_file
+from bayescal.compensating import compensate_file
 from bayescal.compensating.position import frame_of, positions
 from bayescal.compensating.solve import compensated
 from bayescal.fitted.arm import of_fit

@@ -19,7 +19,7 @@ from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
 from bayescal.effects.vocabulary import Session
 from bayescal.estimate import calibrated
 from bayescal.estimate.outliers import limit
-from bayescal.exporting.mjcf.format import holds
+from bayescal.exporting.mjcf import holds
 from bayescal.gap.examine import examine
 from bayescal.gap.linear.evidence import Bank, shared_variance, weigh_sets, worth
 from bayescal.gap.linear.problem import Problem, Slopes

@@ -7,7 +7,7 @@ import pytest
 from camera_sessions import ON_FLANGE, camera_session
 
 from bayescal.calibration import fit
-from bayescal.methods.compare import compare
+from bayescal.methods import compare
 from bayescal.methods.published import SOLVERS, on_flange
 from bayescal.model.scene import Scene
 

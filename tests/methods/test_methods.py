@@ -11,8 +11,7 @@ from cases import terminal_text
 from analysis.methods import page, session
 from analysis.pages import between
 from bayescal.dataset import Dataset, write_dataset
-from bayescal.methods import METHODS, Comparison, compare
-from bayescal.methods.compare import predicted, validated
+from bayescal.methods import METHODS, Comparison, compare, predicted, validated
 from bayescal.methods.normals import in_normals, triplets
 from bayescal.methods.published import OURS, PLANES, bound, in_joints, is_plane, joint_change
 from bayescal.methods.solving import System, contacts, estimable, part

@@ -19,7 +19,7 @@ import bayescal as bc
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.calibration import fit
-from bayescal.compensating.compensation import read_targets
+from bayescal.compensating import read_targets
 from bayescal.dataset import read_dataset
 from bayescal.dataset.types import Box
 from bayescal.effects import UNITS

@@ -301,7 +301,7 @@ def test_options_of_what_uses_an_arm_arrive(monkeypatch):
     monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *given: asked.append(given) or arm)
     state = {"with_": "backlash, step", "without": "compliance", "at_time": 3.5, "at_row": "c7"}
     got = spied(
-        "bayescal.compensating.compensation.compensate_file",
+        "bayescal.compensating.compensate_file",
         lambda: bc.compensate(
             "run", "a.src", format="kuka", frame="cube", tool="ball", tcp=[0.1, 0.2, 0.3, 1.0, 2.0, 3.0],
             payload_kg=1.5, **state,
@@ -343,7 +343,7 @@ def test_an_arm_is_not_used_in_spite_of_reasons_against_it_unless_forced(name, m
     monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *given: arm)
     monkeypatch.setattr("bayescal.public.budgets.stated", lambda run: (arm, None, 0))
     monkeypatch.setattr("bayescal.public.budgets.read_entries", lambda path: None)
-    works = {"certificate": "public.budgets.dcc", "compensate": "compensating.compensation.compensate_file"}
+    works = {"certificate": "public.budgets.dcc", "compensate": "compensating.compensate_file"}
     for work, place in works.items():
         monkeypatch.setattr(f"bayescal.{place}", lambda *_, work=work, **__: done.append(work) or "")
     with pytest.raises(BayescalError) as refused:

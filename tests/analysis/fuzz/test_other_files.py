@@ -9,7 +9,7 @@ import zipfile
 import pytest
 
 from analysis.fuzz.commands import command
-from bayescal.compensating.compensation import compensate_file
+from bayescal.compensating import compensate_file
 from bayescal.errors import BayescalError
 from bayescal.exporting import offsets
 from bayescal.exporting.mjcf.scene_arm import read_scene

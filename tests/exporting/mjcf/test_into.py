@@ -20,7 +20,7 @@ from bayescal.effects.location import joint
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.geometry import zero_frames
-from bayescal.exporting.mjcf.format import mjcf
+from bayescal.exporting.mjcf import mjcf
 from bayescal.model import with_parameters
 from bayescal.simulation import Options, simulate
 from bayescal.verifying.simulator import File, Machine, limit, modelled

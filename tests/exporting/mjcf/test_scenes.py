@@ -17,8 +17,8 @@ from cases import DATA
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
+from bayescal.exporting.mjcf import replay_table
 from bayescal.exporting.mjcf.elastic import CLOSE, Content, spring_of
-from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.readings import Joints
 from bayescal.exporting.mjcf.replay import Replay, Simulated
 from bayescal.verifying.simulator import File, limit
