@@ -11,7 +11,7 @@ What is attached to the flange in each row: tool and payload.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,7 +105,7 @@ ALONG_NORMAL = 0.99  # cosine from which on a direction is not one of the face
 def reason_against(target: Target, patch: Patch) -> tuple[str, str] | None:
     """What is wrong with the region of a target, and the remedy; None if nothing is."""
     kind = KINDS[target.kind]
-    sizes = kind.planned.sizes if kind.planned else ()
+    sizes = kind.probing.sizes
     if not sizes:
         what = f"has no meaning: it is of kind {target.kind}"
         return what, "state regions of planes and cylinders; contacts on other kinds follow from their entry"
@@ -199,6 +199,16 @@ def _nominal(target: Target) -> Feature:
 
 def _apart(relation: certificate.Relation, a: Feature, b: Feature) -> float:
     return float(relation(a, b)(a, b)[0][0])
+
+
+def connected(names: Iterable[str], pairs: Iterable[tuple[str, ...]]) -> list[list[str]]:
+    """Groups of names that pairs connect, in the order of their first names."""
+    group = {name: [name] for name in names}
+    for a, b in pairs:
+        if group[a] is not group[b]:
+            group[a].extend(group[b])
+            group |= dict.fromkeys(group[b], group[a])
+    return list({id(members): members for members in group.values()}.values())
 
 
 def load_mass(dataset: Dataset) -> np.ndarray:

@@ -203,10 +203,7 @@ def read_parts(
     BayescalError
         As `read_dataset`, of the first thing that breaks the format.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
-        raise BayescalError("no such folder", str(folder), remedy)
+    folder = check_folder(folder)
     if not (folder / SETTINGS).exists():
         inside = sorted(str(p.parent) for level in ("*", "*/*") for p in folder.glob(f"{level}/{SETTINGS}"))
         if inside:
@@ -225,6 +222,15 @@ def read_parts(
             dataset = prepared(dataset, index, table, document)
     consistency.check_present(dataset, document)
     return dataset, table, document
+
+
+def check_folder(folder: Path | str) -> Path:
+    """Refuse a path that is no folder."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
+        raise BayescalError("no such folder", str(folder), remedy)
+    return folder
 
 
 def content_of_table(folder: Path) -> bytes:

@@ -84,13 +84,13 @@ class Probing:
         aims(target, region, count, rng) -> random poses (count, 3, 4) of the tool in F0, not `places`.
     faults : callable, optional
         faults(target, region, poses (M, 3, 4)) -> why a pose of the tool is of no use, or "", (M,).
-    points : callable, optional
-        points(target) -> number of rows that are measured at a pose, as of an image; one without it.
+    points : callable
+        points(target) -> number of rows that are measured at a pose, as of an image; one by default.
     sights : callable, optional
         sights(target, region, poses (M, 3, 4)) -> from where (M, 3) to where (M, K, 3), m in F0, the view is
         to be free at poses of the tool.
-    held : callable, optional
-        held(target) -> what the flange carries: capsules in the frame of the tool; only the tool without it.
+    held : callable
+        held(target) -> what the flange carries beside the tool: capsules in its frame.
     """
 
     region: Callable[[Target, Session], Region | None] | None = None
@@ -99,9 +99,9 @@ class Probing:
     sizes: tuple[str, ...] = ()
     aims: Callable[[Target, Region, int, np.random.Generator], np.ndarray] | None = None
     faults: Callable[[Target, Region, np.ndarray], np.ndarray] | None = None
-    points: Callable[[Target], int] | None = None
+    points: Callable[[Target], int] = lambda target: 1
     sights: Callable[[Target, Region, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
-    held: Callable[[Target], tuple[Capsule, ...]] | None = None
+    held: Callable[[Target], tuple[Capsule, ...]] = lambda target: ()
 
 
 def vector(target: Target, key: str) -> np.ndarray:

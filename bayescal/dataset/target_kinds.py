@@ -195,6 +195,11 @@ class TargetKind:
     prepared: Callable[[Dataset, int, Table, Document], Dataset] | None = None
 
     @property
+    def probing(self) -> Probing:
+        """How contacts on it are planned; anywhere where it says nothing."""
+        return self.planned or Probing()
+
+    @property
     def of_instrument(self) -> bool:
         """Whether an instrument reads its rows: every row then has an error of its own."""
         return self.noise != "contact"

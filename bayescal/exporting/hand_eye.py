@@ -8,6 +8,7 @@ shift in the frame that it is given in.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,17 +149,18 @@ def _write(arm: FittedArm, options: Options) -> Written:
     if len(solutions) > 1:
         others = ", ".join(h.target for h in solutions[1:])
         notes.append(f"the YAML file has {solutions[0].target} alone, the others all; not in it: {others}")
-    return Written(
-        _easy_handeye(solutions[0]), items, beside, notes, {"hand_eye": [_record(h) for h in solutions]}
-    )
+    details = {"hand_eye": [_record(h, _matrices) for h in solutions]}
+    return Written(_easy_handeye(solutions[0]), items, beside, notes, details)
 
 
-def _record(h: HandEye) -> dict[str, object]:
-    return {"target": h.target, "tool": h.tool, "mount": h.mount} | {
-        key: {"parent": t.parent, "child": t.child}
-        | {"matrix": t.pose.tolist(), "covariance": t.covariance.tolist()}
-        for key, t in (("on_flange", h.on_flange), ("fixed", h.fixed))
-    }
+def _record(h: HandEye, entry: Callable[[Transform], dict[str, object]]) -> dict[str, object]:
+    names = {"target": h.target, "tool": h.tool, "mount": h.mount}
+    return names | {"on_flange": entry(h.on_flange), "fixed": entry(h.fixed)}
+
+
+def _matrices(t: Transform) -> dict[str, object]:
+    matrices = {"matrix": t.pose.tolist(), "covariance": t.covariance.tolist()}
+    return {"parent": t.parent, "child": t.child, **matrices}
 
 
 def hand_eye_records(arm: FittedArm) -> list[dict[str, object]]:
@@ -166,11 +168,7 @@ def hand_eye_records(arm: FittedArm) -> list[dict[str, object]]:
 
     Their u are of the axes of the parent (of shifts), and of turns about the frame's own axes.
     """
-    return [
-        {"target": h.target, "tool": h.tool, "mount": h.mount}
-        | {key: _entry(t) for key, t in (("on_flange", h.on_flange), ("fixed", h.fixed))}
-        for h in hand_eyes(arm)
-    ]
+    return [_record(h, _entry) for h in hand_eyes(arm)]
 
 
 def _entry(t: Transform) -> dict[str, object]:
@@ -223,7 +221,7 @@ def _opencv(arm: FittedArm, solutions: list[HandEye]) -> str:
         names = ("k1", "k2", "k3", "k4") if lens.model == FISHEYE else ("k1", "k2", "p1", "p2", "k3")
         coefficients = [value(n, c) for n, c in zip(names, lens.coefficients, strict=True)]
         cameras.append(
-            _record(h)
+            _record(h, _matrices)
             | {
                 "camera_matrix": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
                 "distortion": coefficients,

@@ -24,7 +24,7 @@ Tsai and Lenz (1989), Park and Martin (1994), Horaud and Dornaika (1995), Andref
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -34,6 +34,7 @@ import numpy as np
 from bayescal.arm.hand_eye import inverse, product
 from bayescal.assess.shared_causes import completed
 from bayescal.dataset.cameras import carried, closed_form
+from bayescal.dataset.contacts import connected
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated
 from bayescal.estimate.bounds import bounded
@@ -109,16 +110,6 @@ def is_plane(block: Block) -> bool:
     return isinstance(block.kind, Plane)
 
 
-def bound(pairs: Iterable[tuple[str, ...]], names: set[str]) -> bool:
-    """Whether pairs of names join all names."""
-    reached, more = set(sorted(names)[:1]), True
-    links = [set(pair) for pair in pairs if len(pair) == 2]
-    while more:
-        grown = reached.union(*(link for link in links if link & reached))
-        more, reached = grown != reached, grown
-    return names <= reached
-
-
 def lacks_known_planes(model: Model) -> str:
     """What a session lacks for known planes."""
     faces = part(model, is_plane)
@@ -126,7 +117,8 @@ def lacks_known_planes(model: Model) -> str:
     if len(names) < FEWEST:
         return f"{len(names) or 'no'} planes are probed; at least {FEWEST} are needed"
     stated = {t.name for t in model.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
-    if names <= stated or bound([constraint.targets for constraint in faces.constraints], names):
+    pairs = [c.targets for c in faces.constraints if len(c.targets) == 2]
+    if names <= stated or len(connected(names, pairs)) == 1:
         return ""
     return "the relative positions of the planes are not stated (u_mm, or certificates between them)"
 
@@ -250,21 +242,21 @@ SOLVERS = {
 """Solvers of OpenCV and their authors."""
 
 
-def poses(scene: Scene, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses (I, 3, 4) of the flange in F0 and of the board in the camera; a row (I,) of each image."""
+def poses(scene: Scene, target: int) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (I, 3, 4) of the flange in F0 and of the board in the camera."""
     rows = scene.rows_of(target, scene.rows("calibrate"))
     readings = scene.dataset.measurements.readings
     seen, good, _ = closed_form(scene.dataset, target, rows, readings)
     first = seen.first[good]
     origins = scene.points[first] - (scene.flange[first] @ scene.tools[first][..., None])[..., 0]
-    return np.concatenate([scene.flange[first], origins[..., None]], axis=2), seen.poses[good], first
+    return np.concatenate([scene.flange[first], origins[..., None]], axis=2), seen.poses[good]
 
 
 def on_flange(scene: Scene, target: int, solver: str) -> np.ndarray:
     """Pose (3, 4) on the flange of the camera, or of the board of a fixed camera, by a solver of OpenCV."""
     import cv2
 
-    flange, board, _ = poses(scene, target)
+    flange, board = poses(scene, target)
     camera_moves = carried(scene.dataset.targets[target])
     given = flange if camera_moves else inverse(flange)
     method = getattr(cv2, f"CALIB_HAND_EYE_{solver}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.arm.chain import link_angles
 from bayescal.arm.transforms import rpy_matrix, rpy_of
-from bayescal.dataset import Dataset, Measurements, Target
+from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.join import column
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import followed
@@ -230,13 +230,12 @@ def usual_count(setup: Setup) -> int:
 
 def _share(setup: Setup) -> int:
     """For how many contacts a candidate counts: an image for several."""
-    return POSE if all(_points(t) > 1 for t in setup.dataset.targets) else 1
+    return POSE if np.all(_points(setup.dataset) > 1) else 1
 
 
-def _points(target: Target) -> int:
-    """Rows that are measured at a pose."""
-    planned = KINDS[target.kind].planned
-    return 1 if planned is None or planned.points is None else planned.points(target)
+def _points(dataset: Dataset) -> np.ndarray:
+    """Rows (T,) that are measured at a pose, by target."""
+    return np.array([KINDS[t.kind].probing.points(t) for t in dataset.targets])
 
 
 def _searches(setup: Setup) -> list[Search]:
@@ -288,7 +287,7 @@ def _pool(
     order = np.concatenate([rng.permutation(fitted), np.flatnonzero(role == "validate")])
     loaded = (rng.random(len(role)) < 0.5) & (role == "calibrate")
     payload = np.where(loaded, rng.choice(setup.payloads or (0.0,), len(role)), 0.0)
-    each = np.array([_points(t) for t in setup.dataset.targets])[target]
+    each = _points(setup.dataset)[target]
     rows = Possible(role, target, tool, reached.readings, reached.velocity, payload, each)[order]
     session = session_of(setup.at_its_noise, rows, rng)
     before = len(setup.dataset.measurements.ids)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayescal.arm.transforms import cone, cross
-from bayescal.dataset import Dataset, Target
-from bayescal.dataset.regions import Probing, Region
+from bayescal.dataset import Dataset
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.planning.pool import Setup
 from bayescal.probing.contacts import Contacts, Hand, Sites
@@ -86,27 +85,20 @@ def sites_on(setup: Setup, target: int, hand: Hand, tool: int, count: int, rng: 
     Where the kind of the target gives none, they are in the volume of interest, or wherever the arm reaches.
     """
     entry, radius = setup.dataset.targets[target], setup.dataset.tools[tool].ball_radius or 0.0
-    planned, region, places = KINDS[entry.kind].planned, setup.regions.get(entry.name), None
-    if planned is not None and planned.places is not None and region is not None:
+    planned, region, places = KINDS[entry.kind].probing, setup.regions.get(entry.name), None
+    if planned.places is not None and region is not None:
         places = planned.places(entry, region, radius, count, rng)
-    if planned is not None and planned.aims is not None and region is not None:
-        return _aimed(entry, planned, region, count, rng)
+    if planned.aims is not None and region is not None:
+        poses = planned.aims(entry, region, count, rng)
+        fault = np.full(len(poses), "", object)
+        if planned.faults is not None:
+            fault = planned.faults(entry, region, poses)
+        return Sites(poses[:, :, 3], np.full((count, 3), np.nan), poses[:, :, 2], poses[:, :, :3], fault)
     points, normals = places or (_in_volume(setup, hand, count, rng), np.full((count, 3), np.nan))
     axes = cone(np.tile([0.0, 0.0, 1.0], (count, 1)), np.pi, rng)
     touched = np.isfinite(normals[:, :1])
     axes = np.where(touched, cone(np.where(touched, -normals, axes), setup.cone, rng), axes)
     return Sites.of(points, normals, axes)
-
-
-def _aimed(entry: Target, planned: Probing, region: Region, count: int, rng: np.random.Generator) -> Sites:
-    """Poses of the tool that the kind of a target draws, with what makes them useless."""
-    assert planned.aims is not None
-    poses = planned.aims(entry, region, count, rng)
-    none = np.full((len(poses), 3), np.nan)
-    fault = np.full(len(poses), "", object)
-    if planned.faults is not None:
-        fault = planned.faults(entry, region, poses)
-    return Sites(poses[:, :, 3], none, poses[:, :, 2], poses[:, :, :3], fault)
 
 
 def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -160,13 +152,13 @@ HIDDEN = "the board hidden by the arm or a solid"
 def _judge(setup: Setup, search: Search, hand: Hand, reached: Contacts, rows: np.ndarray) -> None:
     """State of contacts in some rows (M,) bool what makes their pose useless: of arms with few joints."""
     entry = setup.dataset.targets[search.target]
-    planned = KINDS[entry.kind].planned
+    planned = KINDS[entry.kind].probing
     good = np.flatnonzero(rows & (reached.reason == ""))
-    if planned is not None and planned.faults is not None and len(good):
+    if planned.faults is not None and len(good):
         poses = hand.arm.tool_poses(hand.arm.frames(reached.readings[good]))[:, :3]
         reached.reason[good] = planned.faults(entry, setup.regions[entry.name], poses)
     good = np.flatnonzero(rows & (reached.reason == ""))
-    if planned is not None and planned.sights is not None and len(good):
+    if planned.sights is not None and len(good):
         poses = hand.arm.tool_poses(hand.arm.frames(reached.readings[good]))[:, :3]
         ends = planned.sights(entry, setup.regions[entry.name], poses)
         reached.reason[good[hand.clearance.hidden(reached.readings[good], *ends)]] = HIDDEN

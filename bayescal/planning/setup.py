@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,8 @@ import numpy as np
 
 from bayescal.arm.shapes import Box
 from bayescal.dataset import Dataset, PlanSettings, Target
-from bayescal.dataset.read import SETTINGS, TABLE, read_settings
+from bayescal.dataset.contacts import connected
+from bayescal.dataset.read import SETTINGS, TABLE, check_folder, read_settings
 from bayescal.dataset.regions import Probing, Region, Session
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
@@ -123,11 +123,7 @@ def read_setup(folder: Path | str, robot: Loaded | None = None) -> Setup:
 
 def stated(folder: Path | str, robot: Loaded | None = None) -> Dataset:
     """What a folder states, of no measurements; raises as `read_setup`, except for unknown places."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
-        raise BayescalError("no such folder", str(folder), remedy)
-    return read_settings(folder / SETTINGS, robot, assume=True)[0]
+    return read_settings(check_folder(folder) / SETTINGS, robot, assume=True)[0]
 
 
 def assumed(dataset: Dataset) -> tuple[str, ...]:
@@ -217,13 +213,3 @@ def _validated(dataset: Dataset) -> frozenset[str]:
     placements = connected(list(named), spheres)
     last = len(placements) // SHARE or len(placements) // 2
     return frozenset(name for group in placements[len(placements) - last :] for name in group)
-
-
-def connected(names: Iterable[str], pairs: Iterable[tuple[str, ...]]) -> list[list[str]]:
-    """Groups of names that pairs connect, in the order of their first names."""
-    group = {name: [name] for name in names}
-    for a, b in pairs:
-        if group[a] is not group[b]:
-            group[a].extend(group[b])
-            group |= dict.fromkeys(group[b], group[a])
-    return list({id(members): members for members in group.values()}.values())

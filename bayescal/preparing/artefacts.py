@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from bayescal.dataset import Certificate, Patch, Target
 from bayescal.dataset.schema import file_model
 from bayescal.dataset.session import ArtefactFile
 from bayescal.errors import BayescalError
-from bayescal.probing.artefacts import LARGE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery, Sizes
+from bayescal.probing.artefacts import LARGE, U_SPHERE, Cube, Scenery, Sizes
 from bayescal.probing.motions import Arm
 from bayescal.probing.placement import cube_of, placement
 from bayescal.robots.schema import RobotFile
@@ -95,24 +95,19 @@ class Artefact:
 
 
 def _cube(room: Room) -> Outline:
-    names = [f"cube.{face}" for face in room.faces]
-    a, opposite, side, top = names
-    square = [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in combinations((a, side, top), 2)]
-    parallel = Certificate("parallel", (a, opposite), room.cube.edge, U_DISTANCE, U_ANGLE)
     scenery = Scenery(room.cube, room.faces, np.empty((0, 0, 3)), room.diameter)
-    return Outline(scenery.targets, (parallel, *square))
+    return Outline(scenery.targets, scenery.certificates)
 
 
 def _spheres(room: Room) -> Outline:
     centres = np.empty((PLACEMENTS, SPHERES, 3))
     for turn in range(PLACEMENTS):
         centres[turn], _ = placement(room.arm, SPHERES, ON_SPHERE, 0, turn)
-    targets = Scenery(room.cube, (), centres, room.diameter).targets
-    certificates = [Certificate("diameter", (t.name,), u_distance=U_SPHERE) for t in targets]
-    for k in range(PLACEMENTS):
-        for one, other in combinations(targets[k * SPHERES : (k + 1) * SPHERES], 2):
-            certificates.append(_apart(one, other, U_SPHERE))
-    return Outline(targets, tuple(certificates))
+    scenery = Scenery(room.cube, (), centres, room.diameter)
+    balls = scenery.targets
+    placements = [balls[k : k + SPHERES] for k in range(0, len(balls), SPHERES)]
+    pairs = chain.from_iterable(combinations(placed, 2) for placed in placements)
+    return Outline(balls, (*scenery.certificates, *(_apart(a, b, U_SPHERE) for a, b in pairs)))
 
 
 def _plate(room: Room) -> Outline:

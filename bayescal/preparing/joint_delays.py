@@ -69,6 +69,17 @@ def uniform(motion: Motion) -> Uniform:
     return Uniform(step, position, velocity, measured, resampled(motion.torque), resampled(motion.command))
 
 
+def thinned(log: Log, even: Sequence[Uniform], count: int) -> tuple[np.ndarray, ...]:
+    """Positions, velocities, accelerations, torques (N, n) and payloads (N,) of about `count` rows."""
+    every = max(sum(len(e.position) for e in even) // count, 1)
+    moved = [
+        (e.position, e.velocity, np.gradient(e.velocity, e.step, axis=0), e.torque,
+         np.full(len(e.position), np.median(m.payload)))
+        for m, e in zip(log.motions, even, strict=True)
+    ]  # fmt: skip
+    return tuple(np.concatenate(column)[::every] for column in zip(*moved, strict=True))
+
+
 BAND = 8.0
 """Hz, below which torques and their drivers are compared: above, noise (assumed)."""
 REVERSAL = 0.03

@@ -11,7 +11,7 @@ from scipy.signal import butter, coherence, csd, sosfiltfilt, welch
 
 from bayescal.logs import Log, Motion
 from bayescal.motion.dynamics import regressor
-from bayescal.preparing.joint_delays import Uniform, speeds, torque_delays, uniform
+from bayescal.preparing.joint_delays import Uniform, speeds, thinned, torque_delays, uniform
 
 WIDE = (0.3, 20.0)
 """Hz, in which velocities, positions and commands are compared."""
@@ -278,9 +278,7 @@ def _torque_gains(log: Log, even: Sequence[Uniform], joints: np.ndarray) -> np.n
     out = np.full(log.n, np.nan)
     if log.motions[0].torque is None or not joints.any():
         return out
-    every = max(sum(len(e.position) for e in even) // POSES, 1)
-    moved = [(e.position, e.velocity, np.gradient(e.velocity, e.step, axis=0), e.torque) for e in even]
-    q, v, a, torque = (np.concatenate(x)[::every] for x in zip(*moved, strict=True))
+    q, v, a, torque, _ = thinned(log, even, POSES)
     parts = regressor(log.mechanism, q, v, a, log.gravity)
     nominal = np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials)
     for j in np.flatnonzero(joints):

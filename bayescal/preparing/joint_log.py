@@ -20,7 +20,7 @@ from bayescal.motion.controller import is_servo, with_torques
 from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.effects import EFFECTS
 from bayescal.preparing import joint_facts
-from bayescal.preparing.joint_delays import Uniform, uniform
+from bayescal.preparing.joint_delays import Uniform, thinned, uniform
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
 from bayescal.preparing.joint_findings import (
     CROSSINGS,
@@ -48,7 +48,7 @@ def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
     """Names of joints whose torques have the opposite sense: by them friction drives the motion."""
     if log.torque_kind == "" or not log.signed or any(e.torque is None for e in even):
         return ()
-    q, v, a, torque, payload = _rows(log, even)
+    q, v, a, torque, payload = thinned(log, even, ROWS)
     by = regressor(log.mechanism, q, v, a, log.gravity)
     rigid = carried(by, log.mechanism.inertials, log.mechanism, payload)
     out = []
@@ -63,14 +63,6 @@ def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _rows(log: Log, even: Sequence[Uniform]) -> tuple[np.ndarray, ...]:
-    """Positions, velocities, accelerations, torques (N, n) and payloads (N,) of some rows."""
-    every = max(sum(len(e.position) for e in even) // ROWS, 1)
-    moved = [(e.position, e.velocity, np.gradient(e.velocity, e.step, axis=0), e.torque) for e in even]
-    loads = [np.full(len(e.position), np.median(m.payload)) for m, e in zip(log.motions, even, strict=True)]
-    return (*(np.concatenate(x)[::every] for x in zip(*moved, strict=True)), np.concatenate(loads)[::every])
-
-
 def interchanged(log: Log, even: Sequence[Uniform]) -> str:
     """Two joints that are interchanged, in words, of all columns or of positions alone; "" if none are.
 
@@ -78,7 +70,7 @@ def interchanged(log: Log, even: Sequence[Uniform]) -> str:
     """
     if log.torque_kind == "" or any(e.torque is None for e in even):
         return ""
-    (q, v, a, torque, payload), m = _rows(log, even), log.mechanism
+    (q, v, a, torque, payload), m = thinned(log, even, ROWS), log.mechanism
 
     def log_residual(order: list[int], of_torque: list[int]) -> float:
         """Sum over the joints of the logarithm of the residual (RMS)."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.shapes import Box
 from bayescal.arm.transforms import rigid
-from bayescal.dataset.types import Target, Tool
+from bayescal.dataset.types import Certificate, Target, Tool
 from bayescal.probing.scene import Solid
 
 RADIUS = 0.003  # m, of the ball
@@ -114,6 +115,21 @@ class Scenery:
             for name, centre in zip(names, centres, strict=True)
         ]
         return (*planes, *balls)
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """An edge of the cube and the right angles of three faces; the diameter of every sphere."""
+        diameters = [
+            Certificate("diameter", (name,), u_distance=U_SPHERE)
+            for name in sphere_names(*self.spheres.shape[:2])
+        ]
+        if not self.faces:
+            return tuple(diameters)
+        one, opposite, *others = (f"cube.{face}" for face in self.faces)
+        parallel = Certificate("parallel", (one, opposite), self.cube.edge, U_DISTANCE, U_ANGLE)
+        pairs = combinations((one, *others), 2)
+        square = [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in pairs]
+        return (parallel, *square, *diameters)
 
 
 def sphere_names(placements: int, spheres: int) -> list[str]:

@@ -144,8 +144,8 @@ def scene_of(
         solids.append(Solid(name, shapes, label[on[-1]]))
 
     for target in dataset.targets:
-        kind, planned = KINDS[target.kind], KINDS[target.kind].planned
-        if kind.touched and kind.centred and planned and planned.region and planned.obstacle:
+        kind, planned = KINDS[target.kind], KINDS[target.kind].probing
+        if kind.touched and kind.centred and planned.region and planned.obstacle:
             region = planned.region(target, Session(up))
             if region is not None:
                 add(target.name, planned.obstacle(target, region), [target.name])
@@ -153,9 +153,9 @@ def scene_of(
         if (box := box_of(faces)) is not None:
             add(artefact, (box,), [t.name for t in faces])
     for target in dataset.targets:
-        planned = KINDS[target.kind].planned
-        if regions and target.name in regions and target.name not in of and planned and planned.obstacle:
-            shapes = planned.obstacle(target, regions[target.name])
+        obstacle = KINDS[target.kind].probing.obstacle
+        if regions and target.name in regions and target.name not in of and obstacle:
+            shapes = obstacle(target, regions[target.name])
             if KINDS[target.kind].posed:  # nothing touches it
                 boards.append(Solid(target.name, shapes, label[target.name]))
             else:
@@ -232,8 +232,7 @@ def held_by(dataset: Dataset, tool: int) -> tuple[Capsule, ...]:
     m = dataset.measurements
     out = list[Capsule]()
     for k, target in enumerate(dataset.targets):
-        planned, used = KINDS[target.kind].planned, np.unique(m.tool[m.target == k])
-        mine = tool in used if len(used) else dataset.tools[tool].ball_radius is None
-        if planned is not None and planned.held is not None and mine:
-            out += planned.held(target)
+        used = np.unique(m.tool[m.target == k])
+        if tool in used if len(used) else dataset.tools[tool].ball_radius is None:
+            out += KINDS[target.kind].probing.held(target)
     return tuple(out)

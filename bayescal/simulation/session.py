@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset import Certificate, Dataset, Measurements, Noise
+from bayescal.dataset import Dataset, Measurements, Noise
 from bayescal.effects import BASELINE, EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.probing.artefacts import U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, Sizes, sphere_names
+from bayescal.probing.artefacts import Scenery, Sizes
 from bayescal.probing.contacts import Contacts
 from bayescal.probing.motions import Arm
 from bayescal.probing.placement import among, cube_of, on_face, placement
@@ -125,23 +125,11 @@ def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: M
         tools=(Sizes.of(robot).tool,),
         noise=Noise(contact=max(options.noise, LEAST_NOISE), joint=options.joint_noise),
         targets=scenery.targets,
-        certificates=_certificates(scenery),
+        certificates=scenery.certificates,  # distances between spheres are added with the truth
         measurements=measurements,
         temperature_of="arm",
         source=f"simulated (bayescal simulate, seed {options.seed}); its ground truth is in truth.json",
     )
-
-
-def _certificates(scenery: Scenery) -> tuple[Certificate, ...]:
-    """Certificates of the cube and the spheres; distances between spheres are added with the truth."""
-    out = []
-    a, opposite, side, top = (f"cube.{face}" for face in scenery.faces)
-    out.append(Certificate("parallel", (a, opposite), scenery.cube.edge, U_DISTANCE, U_ANGLE))
-    for pair in ((a, side), (a, top), (side, top)):
-        out.append(Certificate("perpendicular", pair, u_angle=U_ANGLE))
-    for name in sphere_names(*scenery.spheres.shape[:2]):
-        out.append(Certificate("diameter", (name,), u_distance=U_SPHERE))
-    return tuple(out)
 
 
 SET_UP, LUNCH = 120.0, 1800.0  # s: before the spheres of a placement, before the later contacts

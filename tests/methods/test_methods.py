@@ -11,9 +11,10 @@ from cases import terminal_text
 from analysis.methods import page, session
 from analysis.pages import between
 from bayescal.dataset import Dataset, write_dataset
+from bayescal.dataset.contacts import connected
 from bayescal.methods import METHODS, Comparison, compare, predicted, validated
 from bayescal.methods.normals import in_normals, triplets
-from bayescal.methods.published import OURS, PLANES, bound, in_joints, is_plane, joint_change
+from bayescal.methods.published import OURS, PLANES, in_joints, is_plane, joint_change
 from bayescal.methods.solving import System, contacts, estimable, part
 from bayescal.model import build
 from bayescal.model.scene import Scene
@@ -163,8 +164,8 @@ def test_triplets_are_wide_and_use_every_contact():
 
 
 def test_names_are_bound_by_a_chain_of_pairs():
-    assert bound([("b", "c"), ("a", "b")], {"a", "b", "c"})
-    assert not bound([("a", "b")], {"a", "b", "c"})
+    assert len(connected("abc", [("b", "c"), ("a", "b")])) == 1
+    assert len(connected("abc", [("a", "b")])) == 2
 
 
 def distance_errors(dataset: Dataset, names: tuple[str, ...] = TOUCHING) -> dict[str, float]:

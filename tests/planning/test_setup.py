@@ -15,6 +15,7 @@ from analysis.planning.sampled import Cell, Table
 from bayescal.arm.shapes import Box, Cylinder, Hull
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset.contacts import connected
 from bayescal.dataset.read import read_settings
 from bayescal.dataset.solids import hull_stl
 from bayescal.dataset.target_kinds import KINDS
@@ -25,7 +26,7 @@ from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
 from bayescal.planning.order import Transits
 from bayescal.planning.pool import CLEAR
-from bayescal.planning.setup import EDGE, connected, continued, read_setup, regions_of
+from bayescal.planning.setup import EDGE, continued, read_setup, regions_of
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import LINE
 from bayescal.probing.motions import seconds_between
