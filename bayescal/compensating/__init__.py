@@ -230,9 +230,8 @@ def compensate_file(
         table = read_targets(source, robot, payload)
         corrected = compensated(arm, table.targets, **state)
         content = written(table, corrected, robot, warning).encode()
-        return Compensation(
-            source.name, name, frame or BASE, table.targets, tuple(corrected), content, warning=warning
-        )
+        both = table.targets, tuple(corrected)
+        return Compensation(source.name, name, frame or BASE, *both, content, warning=warning)
     only_revolute(robot, "robot programs", "give the targets as a table (CSV)")
     form, code = PROGRAMS[name], content.decode("latin-1")
     try:

@@ -367,9 +367,7 @@ def best_lens(
         if (now := off(z)) is None:
             return None
         ahead = [off(z + LENS_STEP * np.eye(len(sd))[k]) for k in free]
-        slopes = np.stack(
-            [np.zeros_like(now[0]) if one is None else (one[0] - now[0]) / LENS_STEP for one in ahead]
-        )
+        slopes = np.stack([(now if one is None else one)[0] - now[0] for one in ahead]) / LENS_STEP
         size = np.linalg.norm(now[0], axis=1)
         usual = max(float(np.median(size)), 1e-6)
         weight = 1.0 / (1.0 + (size / (WILD * usual)) ** 2) / np.bincount(now[1])[now[1]] / usual**2

@@ -242,9 +242,7 @@ def _earlier(sidecar: Path, name: str, schema: str) -> dict[str, set[str]]:
         record = json.loads(content_of(sidecar).decode("utf-8"))
         new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == schema else {}
         replaced = record.get("replaces", {})
-        return {
-            key: {checksum, *([replaced[key]] if key in replaced else [])} for key, checksum in new.items()
-        }
+        return {key: {checksum, replaced.get(key, checksum)} for key, checksum in new.items()}
     except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
 

@@ -282,10 +282,9 @@ def of_estimate(estimate: Estimate, covariance: np.ndarray, origin: Origin = Ori
 def of_basis(basis: Basis, origin: Origin = Origin()) -> FittedArm:
     """The arm of a fit with its stated uncertainty."""
     stated, model = basis.stated, basis.stated.plain.model
-    covariance = stated.plain.covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
-    return replace(
-        of_estimate(stated.plain, stated.limited, origin), unmodelled=Unmodelled.of(basis), solved=covariance
-    )
+    solved = stated.plain.covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
+    arm = of_estimate(stated.plain, stated.limited, origin)
+    return replace(arm, unmodelled=Unmodelled.of(basis), solved=solved)
 
 
 def of_fit(fit: Fit) -> FittedArm:
@@ -335,9 +334,8 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     calibration = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
     refit = of_fit(calibration)
     against = (*refit.use.against, *gate.not_gained(_gains(calibration, with_)))
-    return replace(
-        refit, origin=Origin(arm.origin.command, calibration.options), use=replace(refit.use, against=against)
-    )
+    origin = Origin(arm.origin.command, calibration.options)
+    return replace(refit, origin=origin, use=replace(refit.use, against=against))
 
 
 def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:

@@ -279,6 +279,5 @@ def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:
     k = int(np.argmax(np.abs(np.log(ratio)))) if len(ratio) else 0
     if len(ratio) and abs(np.log(ratio[k])) > AGREES:
         what = f"u of {model.names[k]} is {ratio[k]:.3g} times that of arm.json when it is computed again"
-        raise BayescalError(
-            what, "arm.json", "repeat bayescal fit with this version, without --latent-joints"
-        )
+        remedy = "repeat bayescal fit with this version, without --latent-joints"
+        raise BayescalError(what, "arm.json", remedy)

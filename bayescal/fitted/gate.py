@@ -134,10 +134,8 @@ def of_fit(fit: Fit) -> Use:
     estimate, covariance = fit.final.estimate, fit.stated.limited
     reasons = of_estimate(estimate, covariance)
     if not reasons and not fit.acceptance.determined:
-        share = 100 * fit.forecast.prior_share
-        reasons = (
-            f"{share:.0f} % of the variance of a predicted distance is that of priors, not of measurements",
-        )
+        what = "of the variance of a predicted distance is that of priors, not of measurements"
+        reasons = (f"{100 * fit.forecast.prior_share:.0f} % {what}",)
     tests = fit.acceptance
     reasons = (*((tests.unmade,) if tests.unmade else ()), *reasons)
     good = tests.explains and tests.validated and not tests.doubts

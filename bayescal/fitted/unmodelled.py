@@ -104,11 +104,9 @@ class Unmodelled:
         of_masses = record.get("masses") or nothing
         of_discrepancy = record.get("discrepancy") or nothing
         each, dof = of_discrepancy["families"], of_discrepancy.get("unexplained_dof")
-        shifts = [
-            np.array(of["shifts_si"], float).reshape(parameters, -1) for of in (of_discrepancy, of_masses)
-        ]
+        shifts = [np.array(of["shifts_si"], float) for of in (of_discrepancy, of_masses)]
         return cls(
-            np.concatenate(shifts, axis=1),
+            np.concatenate([x.reshape(parameters, -1) for x in shifts], axis=1),
             {name: float(entry["variance"]) for name, entry in each.items()},
             {name: float(entry["dof"]) for name, entry in each.items()},
             np.array(of_masses["mixing"], float),

@@ -56,10 +56,9 @@ class Dealt:
         """Cross products (K, 3) of contacts p (C, 3), and their gradients from those of p, (C, 3, P)."""
         a, b, c = self.triplets.T
         first, second, by_first, by_second = p[b] - p[a], p[c] - p[a], by[b] - by[a], by[c] - by[a]
-        slope = np.cross(by_first, second[:, :, None], axis=1) + np.cross(
-            first[:, :, None], by_second, axis=1
-        )
-        return np.cross(first, second), slope
+        of_first = np.cross(by_first, second[:, :, None], axis=1)
+        of_second = np.cross(first[:, :, None], by_second, axis=1)
+        return np.cross(first, second), of_first + of_second
 
 
 def points(block: Block, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

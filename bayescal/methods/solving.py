@@ -103,9 +103,8 @@ def part(model: Model, wanted: Callable[[Block], bool]) -> Model:
     """A model with some of its blocks only, and the certificates between those."""
     blocks = tuple(block for block in model.blocks if wanted(block))
     names = {block.target for block in blocks}
-    return replace(
-        model, blocks=blocks, constraints=tuple(t for t in model.constraints if names.issuperset(t.targets))
-    )
+    constraints = tuple(t for t in model.constraints if names.issuperset(t.targets))
+    return replace(model, blocks=blocks, constraints=constraints)
 
 
 SAME = 1e-6

@@ -72,9 +72,7 @@ class Contrasts:
         sets: dict[tuple[int, ...], list[int]] = {}
         for k, item in enumerate(self.items):
             sets.setdefault(tuple(item.rivals.tolist()), []).append(k)
-        return tuple(
-            _together([self.items[k] for k in indices], np.array(indices)) for indices in sets.values()
-        )
+        return tuple(_together([self.items[k] for k in of], np.array(of)) for of in sets.values())
 
     @cached_property
     def _by_group(self) -> tuple[np.ndarray, np.ndarray]:

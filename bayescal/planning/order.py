@@ -238,9 +238,8 @@ class Transits:
         a, b = self._labels[begin], self._labels[end]
         label = np.where(b == "", a, b)
         moved = (tool[begin] == tool[end]) & ((a == "") | (b == "") | (a == b))
-        for k, name in sorted(
-            {(int(tool[e]), str(n)) for e, n in zip(end[moved], label[moved], strict=True)}
-        ):
+        places = zip(tool[end[moved]].tolist(), map(str, label[moved]), strict=True)
+        for k, name in sorted(set(places)):
             some = moved & (tool[end] == k) & (label == name)
             out[some] = ~self._hands[k].place(name).free(approach[begin[some]], approach[end[some]])
         return out

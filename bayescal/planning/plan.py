@@ -302,18 +302,16 @@ def continued(record: Mapping[str, Any], where: str) -> Continuation:
         probability = {name: float(p) for name, p in record["probability"].items()}
         noise_scale = {group: float(k) for group, k in record["noise_scale"].items()}
         named = [n["effect"] for n in record["named"]]
-        pairs = tuple(
-            Pair(*(_side(pair[key]) for key in ("a", "b", "common"))) for pair in record["undecided"]
-        )
+        undecided = ([_side(pair[key]) for key in ("a", "b", "common")] for pair in record["undecided"])
+        pairs = tuple(Pair(*sides) for sides in undecided)
     except KeyError as error:
         raise BayescalError(f"it lacks {error}", where, AGAIN) from None
     except (TypeError, ValueError, AttributeError) as error:
         raise BayescalError(f"incomplete: {error}", where, AGAIN) from None
     if COMPLIANCE.name in named and COMPLIANCE.name not in effects:  # the other effects are named beside it
         effects = (*effects, COMPLIANCE.name)
-        pairs = tuple(
-            p for p in pairs if not any(s.selection.effect == COMPLIANCE.name for s in (*p.a, *p.b))
-        )
+        effects_of = ({s.selection.effect for s in (*p.a, *p.b)} for p in pairs)
+        pairs = tuple(p for p, of in zip(pairs, effects_of, strict=True) if COMPLIANCE.name not in of)
     return Continuation(effects, without, pairs, probability, noise_scale)
 
 

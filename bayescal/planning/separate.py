@@ -54,9 +54,8 @@ def detectable(
     none = np.empty(0, int)
     each = Contrasts.of(vocabulary, [Contrast(s.columns, none, k) for k, s in enumerate(vocabulary.seats)])
     smallest, by_chance = (_smallest(x) for x in (each.strengths(chosen), _median(each, random)))
-    plausible = [
-        np.sqrt(np.mean([vocabulary.parameters[k].sd ** 2 for k in s.columns])) for s in vocabulary.seats
-    ]
+    square = np.array([p.sd**2 for p in vocabulary.parameters])
+    plausible = [np.sqrt(np.mean(square[s.columns])) for s in vocabulary.seats]
     return tuple(
         Detectable(s.effect, s.site, s.unit, float(a * sd), float(b * sd), float(sd))
         for s, a, b, sd in zip(vocabulary.seats, smallest, by_chance, plausible, strict=True)

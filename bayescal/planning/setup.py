@@ -43,12 +43,11 @@ def regions_of(dataset: Dataset) -> dict[str, Region]:
         planned = _probing(target)
         if planned.region is None:
             continue
-        session = Session(
-            up, stated.get(target.name), faces.get(target.name), partial(_probed, dataset, target)
-        )
+        name, probed = target.name, partial(_probed, dataset, target)
+        session = Session(up, stated.get(name), faces.get(name), probed)
         if (region := planned.region(target, session)) is None:
             raise BayescalError(*_unknown_extent(target, planned.sizes))
-        out[target.name] = region
+        out[name] = region
     return out
 
 

@@ -51,10 +51,8 @@ def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
     q, v, a, torque, payload = thinned(log, even, ROWS)
     by = regressor(log.mechanism, q, v, a, log.gravity)
     rigid = carried(by, log.mechanism.inertials, log.mechanism, payload)
-    out = []
-    for name, e, load, speed, rotor in zip(
-        log.mechanism.joint_names, torque.T, rigid.T, v.T, a.T, strict=True
-    ):
+    out, names = [], log.mechanism.joint_names
+    for name, e, load, speed, rotor in zip(names, torque.T, rigid.T, v.T, a.T, strict=True):
         drivers = np.column_stack([np.tanh(speed / SLOW[1]), speed, load, rotor, np.ones(len(speed))])
         gains = np.linalg.lstsq(drivers, e, rcond=None)[0]
         friction = drivers[:, :2] @ gains[:2]

@@ -167,9 +167,8 @@ def reach(
     out = Contacts(readings, np.zeros(readings.shape), readings.copy(), reason)
     rows = np.flatnonzero((reason == "") & ~sites.free)
     if len(rows):
-        out.approach[rows], out.velocity[rows], reason[rows] = way.approach(
-            readings[rows], pose[rows], sites[rows], rng
-        )
+        approach = way.approach(readings[rows], pose[rows], sites[rows], rng)
+        out.approach[rows], out.velocity[rows], reason[rows] = approach
     number = np.arange(len(sites)) if group is None else group
     waiting = np.flatnonzero(reason == "")
     while len(waiting):

@@ -47,9 +47,8 @@ TOOL_DATA = re.compile(
 def _read(text: str, n: int) -> texts.Program:
     code = texts.Code.of(text, "!")
     jointtarget = re.compile(r"\[\s*" + _list(n) + r"\s*,\s*" + _list(6, keep=False) + r"\s*\]")
-    computed = {
-        m.group(1): m for m in reversed(list(ASSIGNED.finditer(code))) if m.group(2) or m.group(3) != "["
-    }
+    assigned = reversed(list(ASSIGNED.finditer(code)))  # the first counts
+    computed = {m.group(1): m for m in assigned if m.group(2) or m.group(3) != "["}
     first_use: dict[str, re.Match[str]] = {}
     notes = []
     for move in MOVE.finditer(code):
@@ -149,10 +148,9 @@ def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[
     *imaginary, real = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
     q = np.array([real, *imaginary])
     q = q if q @ np.array(old[3:7]) >= 0 else -q  # both are the same rotation
-    quadrants, stated = np.floor(readings / (np.pi / 2)), zip(AXES, old[7:10], strict=True)
-    quarters = [
-        texts.Number(float(quadrants[axis] if axis < len(quadrants) else cf), 0) for axis, cf in stated
-    ]
+    quadrants = dict(enumerate(np.floor(readings / (np.pi / 2)).tolist()))
+    stated = zip(AXES, old[7:10], strict=True)
+    quarters = [texts.Number(quadrants.get(axis, cf), 0) for axis, cf in stated]
     return [*texts.lengths_of(pose), *(texts.Number(x, QUATERNION) for x in q.tolist()), *quarters]
 
 

@@ -60,16 +60,15 @@ def _read(text: str, n: int) -> texts.Program:
     if posed:
         selected = SELECTED.finditer(moves)
         stated += [(moves.where(m.start(1)), m.group(1), m.group(2)) for m in selected]
-    frames = [
-        f"{line}: {key} : {value}" for line, key, value in stated if key[:2] == "UF" and value not in "0F"
-    ]
+    others = (one for one in stated if one[1][:2] == "UF" and one[2] not in "0F")
+    frame = next((f"{line}: {key} : {value}" for line, key, value in others), "")
     tools = [
         ToolStatement(where, f"UT : {value}", np.eye(4) if value == "0" else None)
         for where, key, value in stated
         if key[:2] == "UT" and value != "F"
     ]
     visited = tuple(replace(slots[name], used=not kinds or name[2:-1] in kinds) for name in order)
-    return texts.Program(visited, tuple(notes), next(iter(frames), ""), tuple(tools))
+    return texts.Program(visited, tuple(notes), frame, tuple(tools))
 
 
 def _header(text: str, slot: texts.Slot) -> list[tuple[str, str]]:
@@ -93,19 +92,17 @@ def _slots(text: texts.Code, begin: int, n: int, straight: Mapping[str, bool]) -
     for match in POSITION.finditer(text, begin):
         group = GROUP.search(text, *match.span(2))
         low, high = group.span(1) if group else match.span(2)
-        number, name = match.group(1), f"P[{match.group(1)}]"
+        name, by_line = f"P[{match.group(1)}]", straight.get(match.group(1), False)
         where = text.where(match.start(), name)
         if match_ := POSE.search(text, low, high):
             spans = texts.numbers_in(match_, 6)
             *xyz, w, p, r = text.values(spans)
             pose = rigid(rpy_matrix(np.radians([w, p, r])), 1e-3 * np.array(xyz))
-            yield texts.Slot(texts.Target(where, pose, straight=straight.get(number, False)), name, spans)
+            yield texts.Slot(texts.Target(where, pose, straight=by_line), name, spans)
         elif match_ := joints.search(text, low, high):
             spans = texts.numbers_in(match_, n)
             readings = np.radians(text.values(spans))
-            yield texts.Slot(
-                texts.Target(where, readings=readings, straight=straight.get(number, False)), name, spans
-            )
+            yield texts.Slot(texts.Target(where, readings=readings, straight=by_line), name, spans)
 
 
 def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[texts.Number]:

@@ -54,10 +54,10 @@ class Working:
 
     def probed(self, poses: Poses) -> np.ndarray:
         """Points (C, 3), m, of the probe at the poses of the working tool."""
+        if self.probe == self.tool.name:
+            return poses.points
         names = [t.name for t in self.arm.dataset.tools]
-        return (
-            poses.points if self.probe == self.tool.name else poses.again(tool=names.index(self.probe)).points
-        )
+        return poses.again(tool=names.index(self.probe)).points
 
     @cached_property
     def nominal(self) -> NominalArm:

@@ -135,9 +135,7 @@ def _slot(t: Text, kind: str, low: int, high: int) -> texts.Slot | str:
             return "must be a pose"
         return texts.Slot(texts.Target(where, _pose_of(value), near, straight), name, (), (low, high))
     spans = texts.numbers_in(value, len(value.groups()))
-    return texts.Slot(
-        texts.Target(where, readings=np.array(t.code.values(spans)), straight=straight), name, spans
-    )
+    return texts.Slot(texts.Target(where, readings=_numbers(value), straight=straight), name, spans)
 
 
 def _numbers(match: re.Match[str]) -> np.ndarray:

@@ -226,6 +226,5 @@ def simulate(options: Options, robot: Robot | None = None) -> Simulation:
     read = read + noisy * stream(options.seed, "joints").normal(size=read.shape)
     read = robot.read(np.round(robot.shown(read), READING))
     dataset = replace(exact, measurements=replace(exact.measurements, readings=read))
-    return Simulation(
-        dataset, document(options, dataset, world.model(exact), world.targets, gross), world, exact, shift
-    )
+    truth = document(options, dataset, world.model(exact), world.targets, gross)
+    return Simulation(dataset, truth, world, exact, shift)

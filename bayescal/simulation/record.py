@@ -67,10 +67,8 @@ def summary(simulation: Simulated) -> str:
         number = f"{min(each)}" if min(each) == max(each) else f"{min(each)} to {max(each)}"
         lines.append(f"  {len(balls)} spheres ({balls[0]} to {balls[-1]}): {number} contacts each")
     if truth["distances"]:
-        largest = truth["worst_distance_um"]["nominal"]
-        lines.append(
-            f"  maximum error of the nominal arm: {largest:.0f} µm over {len(truth['distances'])} distances"
-        )
+        largest, count = truth["worst_distance_um"]["nominal"], len(truth["distances"])
+        lines.append(f"  maximum error of the nominal arm: {largest:.0f} µm over {count} distances")
     return "\n".join(lines)
 
 

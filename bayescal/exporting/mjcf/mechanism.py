@@ -218,9 +218,8 @@ def _load(content: Content, number: int, tool: Tool) -> Load:
     fitted = {p.name.rpartition(":")[2].removeprefix("payload "): v for p, v in content.driven("mass")}
     mass = tool.mass + fitted.get("mass", 0.0)
     centre = displaced(tool.centre if tool.centre_of_mass is None else tool.centre_of_mass, shift)
-    moment, moved = (
-        np.array([fitted.get(f"{what} {axis}", 0.0) for axis in "xyz"]) for what in ("moment", "added centre")
-    )
+    parts = ("moment", "added centre")
+    moment, moved = (np.array([fitted.get(f"{part} {axis}", 0.0) for axis in "xyz"]) for part in parts)
     if np.any(moment) and mass <= 0:
         what = "the payload has a first moment, but no mass"
         raise BayescalError(what, "export", "leave the effect out with --without")
