@@ -195,9 +195,14 @@ class SerialsEntry(Keys):
     """Serial number of the tracker or camera."""
 
 
-Date = Annotated[
-    str, AfterValidator(lambda text: _date(text)), Field(json_schema_extra={"pattern": r"^\d{4}-\d\d-\d\d$"})
-]
+def _date(text: str) -> str:
+    with suppress(ValueError):
+        if text == datetime.date.fromisoformat(text).isoformat():  # which also reads 20260131
+            return text
+    raise PydanticCustomError("not_a_date", "not a date")
+
+
+Date = Annotated[str, AfterValidator(_date), Field(json_schema_extra={"pattern": r"^\d{4}-\d\d-\d\d$"})]
 
 
 class RecordEntry(Keys):
@@ -213,13 +218,6 @@ class RecordEntry(Keys):
     """Numbers of the calibration certificates of artefacts and instruments."""
     temperature_degC: Number | None = None
     """Temperature of the room."""
-
-
-def _date(text: str) -> str:
-    with suppress(ValueError):
-        if text == datetime.date.fromisoformat(text).isoformat():  # which also reads 20260131
-            return text
-    raise PydanticCustomError("not_a_date", "not a date")
 
 
 AnyCertificate = Annotated[Parallel | Perpendicular | Between | Diameter | Flat, Field(discriminator="kind")]

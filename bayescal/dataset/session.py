@@ -115,11 +115,8 @@ def holding(document: Document, file: schema.DatasetFile, robot: Robot) -> Robot
     if file.held is None:
         return robot
     if robot.ground is None:
-        what, remedy = (
-            "`held` is of two arms, and F0 of this one stands still",
-            "leave it out; a tool has `mass_kg`",
-        )
-        raise BayescalError(what, document.where(("held",)), remedy)
+        what = "`held` is of two arms, and F0 of this one stands still"
+        raise BayescalError(what, document.where(("held",)), "leave it out; a tool has `mass_kg`")
     stated = fields_of(file.held)
     ground = replace(robot.ground, held=stated["mass"], held_centre=stated["centre_of_mass"])
     return replace(robot, ground=ground)

@@ -37,6 +37,11 @@ def constant(p: Parameter) -> bool:
     return fixed or p.driver.kind in STATE or not changes(p)
 
 
+def holds_constants(arm: FittedArm, k: int) -> bool:
+    """Whether a file of constant geometry alone can hold a parameter."""
+    return constant(arm.model.parameters[k])
+
+
 def at_state(p: Parameter, state: int) -> Parameter:
     """A constant parameter with its drivers as they are in one row of the session."""
 

@@ -244,8 +244,7 @@ def _holds(arm: FittedArm, k: int) -> bool:
     return shifted or any(t.frame < 0 for t in p.terms)
 
 
-HAND_EYE = Format(
-    ".yaml", _write, _holds, "a hand-eye transform holds nothing of the arm itself", prismatic=True
-)
+LIMITS = "a hand-eye transform holds nothing of the arm itself"
+HAND_EYE = Format(".yaml", _write, _holds, LIMITS, prismatic=True)
 """Where cameras and boards are, for programs that take the arm as nominal or as calibrated: with covariance
 for easy_handeye2, as ROS static transforms, for OpenCV."""

@@ -32,7 +32,7 @@ from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import AXES, rigid, rotation, rpy_matrix, rpy_of
 from bayescal.dataset.table import csv_text
 from bayescal.errors import BayescalError, listed
-from bayescal.exporting.geometry import at_state, constant, constant_displacements, items, steps, zero_frames
+from bayescal.exporting import geometry
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Item, Options, Written, item, path_of
 from bayescal.exporting.xml_text import indented, rendered
@@ -50,7 +50,7 @@ def zeros(arm: FittedArm, state: int) -> tuple[np.ndarray, np.ndarray]:
     robot = arm.dataset.robot
     by = np.zeros((robot.n, len(arm.values)))
     for k, p in enumerate(arm.model.parameters):
-        for t in at_state(p, state).terms if holds(arm, k) else ():
+        for t in geometry.at_state(p, state).terms if holds(arm, k) else ():
             by[t.frame - 1, k] += float(t.driver)
     by = np.linalg.solve(robot.link_from_reading, by)
     return by @ arm.values, by @ arm.covariance @ by.T
@@ -59,7 +59,7 @@ def zeros(arm: FittedArm, state: int) -> tuple[np.ndarray, np.ndarray]:
 def holds(arm: FittedArm, k: int) -> bool:
     """Whether a parameter turns joints about their axes, and does nothing else."""
     p, n = arm.model.parameters[k], arm.model.scene.chain.n
-    return constant(p) and all(t.axis == AXES[0] and 1 <= t.frame <= n for t in p.terms)
+    return geometry.constant(p) and all(t.axis == AXES[0] and 1 <= t.frame <= n for t in p.terms)
 
 
 def corrections(arm: FittedArm, element: str, attribute: str) -> list[Item]:
@@ -168,7 +168,8 @@ ALIKE = np.radians(1.0)
 def _write(arm: FittedArm, options: Options) -> Written:
     robot = arm.dataset.robot
     _check_is_ur(robot)
-    calibrated = zero_frames(robot, constant_displacements(arm.model, arm.values, options.state))
+    delta = geometry.constant_displacements(arm.model, arm.values, options.state)
+    calibrated = geometry.zero_frames(robot, delta)
     label, root, in_links = "", np.eye(4), np.tile(np.eye(4), (6, 1, 1))
     notes = ["without --into the hash is not that of the arm: ur_robot_driver warns that it differs"]
     if options.into:
@@ -176,7 +177,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
         matched = match(robot, file, name)
         root, in_links, notes = matched.root, matched.links, list(matched.notes)
     links = calibrated[:-1] @ in_links
-    transforms = steps(links, root)
+    transforms = geometry.steps(links, root)
     lines = [f"# {robot.name} calibrated on {arm.dataset.name}: {', '.join(arm.effects)}", "kinematics:"]
     for link, t in zip(LINKS, transforms, strict=True):
         values = [*t[:3, 3].tolist(), *rpy_of(t[:3, :3]).tolist()]
@@ -184,7 +185,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
     lines.append(f"  hash: {label or f'calib_bayescal_{arm.dataset.sha256[:12]}'}")
     return Written(
         "\n".join(lines) + "\n",
-        items(arm, [(f"kinematics/{link}", "x y z roll pitch yaw") for link in LINKS]),
+        geometry.items(arm, [(f"kinematics/{link}", "x y z roll pitch yaw") for link in LINKS]),
         notes=notes,
         details={
             "joint_from_reading": robot.link_from_reading.tolist(),
@@ -199,7 +200,7 @@ def _check_is_ur(robot: Robot) -> None:
     """Refuse an arm whose joints are not arranged as those of a UR."""
     ok = robot.n == 6 and np.array_equal(robot.link_from_reading, np.eye(6))
     if ok:
-        first, *turns = rotation(0, -TWISTS) @ steps(zero_frames(robot))[:-1, :3, :3]
+        first, *turns = rotation(0, -TWISTS) @ geometry.steps(geometry.zero_frames(robot))[:-1, :3, :3]
         alike = Rotation.from_matrix(np.array(turns)).magnitude() < ALIKE
         ok = abs(first[2, 2] - 1.0) < ALIKE and bool(np.all(alike))
     if not ok:
@@ -229,11 +230,6 @@ def _read(into: str) -> tuple[FileArm, str, str]:
     return FileArm(LINKS, np.array(frames), axes, none, np.eye(4), np.zeros(6, bool)), label, path.name
 
 
-UR_YAML = Format(
-    ".yaml",
-    _write,
-    lambda arm, k: constant(arm.model.parameters[k]),
-    "the calibration of ur_description holds constant geometry only",
-    into=True,
-)
+OF_UR = "the calibration of ur_description holds constant geometry only"
+UR_YAML = Format(".yaml", _write, geometry.holds_constants, OF_UR, into=True)
 """kinematics_params of ur_description, new or with the hash and frames of a given file."""

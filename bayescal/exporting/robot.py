@@ -150,14 +150,8 @@ def _holds(arm: FittedArm, k: int) -> bool:
     return constant(p) or is_scale(p)
 
 
-ROBOT_YAML = Format(
-    ".yaml",
-    _write,
-    _holds,
-    "robot.yaml has constant geometry, scales of readings and compliances of joints",
-    prismatic=True,
-    two_arms=("plain",),
-)
+HELD = "constant geometry, scales of readings and compliances of joints"
+ROBOT_YAML = Format(".yaml", _write, _holds, f"robot.yaml has {HELD}", prismatic=True, two_arms=("plain",))
 """The arm as the `robot:` of a further session."""
 
 
@@ -241,10 +235,5 @@ def _csv(robot: Robot, values: Mapping[tuple[str, str], tuple[float, float]]) ->
     return csv_text(["joint", "convention", *heads], rows)
 
 
-DH_CSV = Format(
-    ".csv",
-    _write_table,
-    ROBOT_YAML.holds,
-    "a DH table has constant geometry, scales of readings and compliances of joints",
-)
+DH_CSV = Format(".csv", _write_table, _holds, f"a DH table has {HELD}")
 """The calibrated table for any other program: rows with u as CSV, with the full covariance as JSON."""

@@ -39,7 +39,7 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.effects import ALWAYS, MODELS, Parameter
 from bayescal.errors import BayescalError
 from bayescal.exporting import geometry
-from bayescal.exporting.geometry import constant, coupled, items
+from bayescal.exporting.geometry import constant, coupled, holds_constants, items
 from bayescal.exporting.mjcf.elastic import Content, Hinge
 from bayescal.exporting.mjcf.mechanism import Body, mechanism
 from bayescal.exporting.mjcf.readings import bare, law_of
@@ -252,14 +252,9 @@ def _links(robot: Robot, delta: np.ndarray, poses: Sequence[np.ndarray]) -> dict
 
 
 URDF = Format(
-    ".urdf",
-    write,
-    lambda arm, k: geometry.constant(arm.model.parameters[k]),
-    "a URDF holds constant geometry only",
-    into=True,
-    prismatic=True,
+    ".urdf", write, holds_constants, "a URDF holds constant geometry only", into=True, prismatic=True,
     two_arms=("plain", "into"),
-)
+)  # fmt: skip
 """Geometry and joint zeros, new or patched in place, for anything that reads a URDF."""
 
 
@@ -314,11 +309,7 @@ def _joint_of(element: str) -> str:
 
 
 PAL = Format(
-    ".yaml",
-    _write_pal,
-    lambda arm, k: geometry.constant(arm.model.parameters[k]),
-    "master_calibration.yaml has constant geometry only",
-    into=True,
+    ".yaml", _write_pal, holds_constants, "master_calibration.yaml has constant geometry only", into=True
 )
 """Differences of joint origins from those of the robot's URDF, which is given as the file of the user."""
 

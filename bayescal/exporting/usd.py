@@ -124,11 +124,6 @@ def identifiers(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     return out
 
 
-USD = Format(
-    ".usda",
-    _write,
-    lambda arm, k: geometry.constant(arm.model.parameters[k]),
-    "joints of USD have constant frames and do not yield",
-    prismatic=True,
-)
+LIMITS = "joints of USD have constant frames and do not yield"
+USD = Format(".usda", _write, geometry.holds_constants, LIMITS, prismatic=True)
 """An articulation with the calibrated geometry, for Isaac Sim and whatever reads UsdPhysics."""

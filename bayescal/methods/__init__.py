@@ -17,17 +17,9 @@ from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.estimate.unexplained import unexplained
+from bayescal.methods import published
 from bayescal.methods.normals import NORMALS
-from bayescal.methods.published import (
-    CAMERA_METHODS,
-    INVERSE,
-    LINEAR,
-    NOMINAL,
-    OPEN_LOOP,
-    OURS,
-    PLANES,
-    Method,
-)
+from bayescal.methods.published import Method
 from bayescal.methods.solving import Solution
 from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
@@ -40,7 +32,10 @@ from bayescal.storage.stopping import Progress, silent
 __all__ = ["METHODS", "Comparison", "Method", "Result", "Row", "Solution", "compare"]
 
 DRAWS = 2000
-METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
+METHODS = (
+    published.NOMINAL, NORMALS, published.PLANES, published.LINEAR, published.INVERSE, published.OPEN_LOOP,
+    published.OURS,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,9 +104,9 @@ def compare(
     scene = Scene(dataset)
     check_enough(scene)
     model = build(scene, effects)
-    validated(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
+    validated(published.NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
     cameras = any(kind.posed for kind in scene.declared)
-    methods = methods or (*METHODS, *(CAMERA_METHODS if cameras else ()))
+    methods = methods or (*METHODS, *(published.CAMERA_METHODS if cameras else ()))
     rows = []
     for k, method in enumerate(methods):
         progress(method.name, k / len(methods))

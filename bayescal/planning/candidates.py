@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -258,10 +257,9 @@ def _unlocated(setup: Setup, searches: list[Search]) -> list[Search]:
     return [s for s in searches if targets[s.target].name in setup.validated and done[s.target] < LOCATED]
 
 
-def _reasons(dropped: Mapping[str, int], most: int = 3) -> str:
-    """The most frequent reasons, with their share."""
-    total = sum(dropped.values())
-    return ", ".join(f"{w} ({n / total:.0%})" for w, n in Counter(dropped).most_common(most))
+def _reasons(dropped: Counter[str]) -> str:
+    """The three most frequent reasons, with their share."""
+    return ", ".join(f"{w} ({n / dropped.total():.0%})" for w, n in dropped.most_common(3))
 
 
 def _few(setup: Setup, search: Search, wanted: float) -> str:
@@ -273,7 +271,7 @@ def _few(setup: Setup, search: Search, wanted: float) -> str:
 def _pool(
     setup: Setup,
     parts: list[tuple[str, Search, np.ndarray, Contacts]],
-    dropped: Mapping[str, int],
+    dropped: Counter[str],
     warnings: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Pool:
@@ -294,4 +292,4 @@ def _pool(
     of = np.repeat(np.arange(len(rows)), rows.points)
     shift = session.measurements.readings[before:] - rows.readings[of]
     approach = np.concatenate([setup.dataset.measurements.readings, reached.approach[order][of] + shift])
-    return Pool(setup, session, before, approach, dict(Counter(dropped).most_common()), warnings)
+    return Pool(setup, session, before, approach, dict(dropped.most_common()), warnings)

@@ -98,13 +98,12 @@ class PlanOptions:
         BayescalError
             With the option of the command.
         """
-        for value, names, option in ((self.aim, AIMS, "--for"), (self.order, orders.ORDERS, "--order")):
+        asked = [("--for", self.aim, AIMS, "one"), ("--order", self.order, tuple(orders.ORDERS), "one")]
+        asked += [("--levers", lever, LEVERS, "some") for lever in self.levers]
+        for option, value, names, number in asked:
             if value not in names:
-                raise BayescalError(f"`{value}` is not known", option, f"give one of {', '.join(names)}")
-        for lever in self.levers:
-            if lever not in LEVERS:
-                remedy = f"give some of {', '.join(LEVERS)}"
-                raise BayescalError(f"`{lever}` is not known", "--levers", remedy)
+                remedy = f"give {number} of {', '.join(names)}"
+                raise BayescalError(f"`{value}` is not known", option, remedy)
         if self.contacts < 1:
             raise BayescalError(f"{self.contacts} contacts are no plan", "--contacts", "give 1 or more")
         check_asked(self.effects, 1.0)

@@ -247,7 +247,7 @@ def check(folder: Path | str, robot: Loaded | None = None) -> Check:
     findings += missing(scene, model, tests, posed)
     tested = None if any(f.kind == "refused" for f in findings) else judged(dataset)
     if tested is not None:
-        mistakes = mistaken(tested)
+        mistakes = list(mistaken(tested))
         if any("diameter_mm" in m.what for m in mistakes):
             findings = [f for f in findings if f.code != "diameter"]  # that the contacts show another one
         findings += [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistakes]

@@ -19,19 +19,9 @@ from bayescal.logs.read import TABLES
 from bayescal.motion.controller import is_servo, with_torques
 from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.effects import EFFECTS
-from bayescal.preparing import joint_facts
+from bayescal.preparing import joint_facts, joint_findings
 from bayescal.preparing.joint_delays import Uniform, thinned, uniform
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
-from bayescal.preparing.joint_findings import (
-    CROSSINGS,
-    WARM,
-    clock_drift,
-    gravity_loaded,
-    missing,
-    odd,
-    servo_odd,
-    warm_up,
-)
 from bayescal.preparing.missing import KINDS, Finding
 
 ROWS = 400
@@ -144,8 +134,9 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     table = next(name for name in TABLES if (folder / name).exists())
     parts = log.divided if log.divided.motions else log  # `fit` and `gap` refuse one without any
     joints, stamps = joint_facts.joints_of(parts), joint_facts.stamps_of(log, table)
-    servos = servo_odd(log, joints, table, calibrations)
-    findings = [*odd(log, joints, stamps, table), *servos, *missing(log, joints, table)]
+    findings = [*joint_findings.odd(log, joints, stamps, table)]
+    findings += joint_findings.servo_odd(log, joints, table, calibrations)
+    findings += joint_findings.missing(log, joints, table)
     even = [uniform(m) for m in parts.motions]
     if names := reversed_torques(parts, even):
         what = f"by the torques of {listed(names)} friction drives the motion"
@@ -181,7 +172,7 @@ def not_assessed(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
 
 def _unexcited(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
     """What the motions lack for some effects, with how to record it; "" if nothing."""
-    loaded, warm = gravity_loaded(joints), warm_up(log)
+    loaded, warm = joint_findings.gravity_loaded(joints), joint_findings.warm_up(log)
     varied = any(j.gravity[1] >= LOADS * abs(j.gravity[0]) for j in loaded)
     poses = "" if varied else "gravity loads the joints in one pose: move them in two or more"
     moved = "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves: log motions"
@@ -189,12 +180,13 @@ def _unexcited(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
     constant = "" if any(m.loaded for m in log.motions) else poses
     if log.torque_kind == "sensor":
         constant = "torques are those of a sensor: it has no torque constant"
-    steady = f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up" if warm < STEADY else ""
+    varies = f"the temperature varies by {warm:.2g} K: log {joint_findings.WARM:g} K of warm-up"
+    steady = varies if warm < STEADY else ""
     return {
         "inertia": moved,
         "armature": moved,
         "asymmetric-friction": moved,
-        "stribeck": "" if any(j.slow >= CROSSINGS for j in joints) else few,
+        "stribeck": "" if any(j.slow >= joint_findings.CROSSINGS for j in joints) else few,
         "load-friction": poses,
         "torque-constant": constant,
         "torque-drift": steady,
@@ -211,7 +203,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
         | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
         for m in log.motions
     ]
-    stamps, (drift, u_drift) = of.stamps, clock_drift(of.joints)
+    stamps, (drift, u_drift) = of.stamps, joint_findings.clock_drift(of.joints)
     return {
         "schema": "bayescal-motion-check/1",
         "dataset": log.name,
@@ -227,7 +219,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
             "gaps": stamps.gaps,
         },
         "clock_drift_us_per_s": {"value": _plain(1e6 * drift), "u": _plain(1e6 * u_drift)},
-        "temperature_range_K": _plain(warm_up(log)),
+        "temperature_range_K": _plain(joint_findings.warm_up(log)),
         "motions": motions,
         "joints": [_joint_record(j) for j in of.joints],
         "assumed": list(log.notes),

@@ -44,9 +44,7 @@ SMALL = Sizes(
 )
 """A stylus of 50 g, a cube of 2 inches and spheres of 1 inch."""
 
-FACES = {
-    "+x": (0, 1.0), "-x": (0, -1.0), "+y": (1, 1.0), "-y": (1, -1.0), "+z": (2, 1.0)
-}  # fmt: skip
+FACES = {"+x": (0, 1.0), "-x": (0, -1.0), "+y": (1, 1.0), "-y": (1, -1.0), "+z": (2, 1.0)}
 """Axis and sign of the faces that can be touched: the cube stands on the sixth."""
 
 

@@ -90,15 +90,15 @@ class Mechanism:
     passed: tuple[Body, ...] = ()
 
 
-def within(bodies: Sequence[Body], flange: np.ndarray | None = None, most: int = MOST) -> list[Body]:
+def within(bodies: Sequence[Body], flange: np.ndarray | None = None) -> list[Body]:
     """Bodies in series; of one with too many hinges, one without a mass for the first of them, and itself."""
     out = []
     ends = [b.pose[:3, 3] for b in bodies[1:]] + [np.zeros(3) if flange is None else flange[:3, 3]]
     for body, end in zip(bodies, ends, strict=bool(bodies)):
         last = replace(body, end=end if np.linalg.norm(end) > THIN else None)
-        if len(body.hinges) > most:
-            out.append(replace(body, hinges=body.hinges[:-most], mass=0.0, centre=np.zeros(3)))
-            name, hinges = f"{body.name}_yielding", body.hinges[-most:]
+        if len(body.hinges) > MOST:
+            out.append(replace(body, hinges=body.hinges[:-MOST], mass=0.0, centre=np.zeros(3)))
+            name, hinges = f"{body.name}_yielding", body.hinges[-MOST:]
             last = replace(last, name=name, pose=np.eye(4), hinges=hinges)
         out.append(last)
     return out
