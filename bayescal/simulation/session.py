@@ -79,10 +79,9 @@ class Options:
             if value is not None and not (np.isfinite(value) and value >= 0):
                 raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
         if self.error_scale > LARGEST_SCALE:
-            what = (
-                f"{self.error_scale:g} times its tolerances is no error of an arm that a calibration corrects"
-            )
-            raise BayescalError(what, "--error-scale", f"give {LARGEST_SCALE:g} or less")
+            what = "times its tolerances is no error of an arm that a calibration corrects"
+            remedy = f"give {LARGEST_SCALE:g} or less"
+            raise BayescalError(f"{self.error_scale:g} {what}", "--error-scale", remedy)
         for name in self.effects:
             if (effect := plain(name)) not in EFFECTS:
                 what = f"no effect is called `{effect}`"
@@ -98,9 +97,8 @@ class Options:
             what = f"{self.sphere_contacts} contacts cannot locate a sphere"
             raise BayescalError(what, "--sphere-contacts", f"give {FEWEST_ON_SPHERE} or more")
         if self.spheres > 8:
-            raise BayescalError(
-                f"{self.spheres} spheres are too many for one artefact", "--spheres", "give 8 or fewer"
-            )
+            what = f"{self.spheres} spheres are too many for one artefact"
+            raise BayescalError(what, "--spheres", "give 8 or fewer")
 
 
 def flag(option: str) -> str:
@@ -214,11 +212,8 @@ def _shuffled(arm: Arm, count: int, rng: np.random.Generator) -> tuple[np.ndarra
             if have == wanted:
                 break
         else:
-            raise BayescalError(
-                f"too few contacts on face {face} of the cube are within reach and clear of collisions",
-                arm.robot.name,
-                "check its limits",
-            )
+            what = f"too few contacts on face {face} of the cube are within reach and clear of collisions"
+            raise BayescalError(what, arm.robot.name, "check its limits")
     order = rng.permutation(count)
     return target[order], Contacts.join(parts)[order]
 
