@@ -34,6 +34,7 @@ from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.programs.tools import nominal_arm
+from bayescal.statistics import grouped
 
 ZERO = {"rz": ("theta", "rad", 2e-3), "tz": ("d", "m", 1e-3)}
 """Zero of a joint that no parameter of the model has: name, unit, standard deviation (as of other joints)."""
@@ -210,12 +211,14 @@ def _of_model(
 ) -> Iterator[Item]:
     """Parameters of the model, joint zeros that it does not have, base, targets and tools."""
     constant = {(t.frame, t.axis) for p in shared for t in p.terms if np.ndim(t.driver) == 0}
-    grouped: dict[tuple[str, str], list[Parameter]] = {}
     several = len({p.name.rpartition(" ")[0] for p in shared if p.site == TOOL}) > 1
-    for p in shared:
-        name = p.name.rpartition(" ")[0] if p.site == TOOL and several else str(p.site)
-        grouped.setdefault((p.name if p.site.kind in NUMBERED else name, p.effect), []).append(p)
-    for (name, effect), group in grouped.items():
+
+    def label(p: Parameter) -> str:
+        if p.site.kind in NUMBERED:
+            return p.name
+        return p.name.rpartition(" ")[0] if p.site == TOOL and several else str(p.site)
+
+    for (name, effect), group in grouped(((label(p), p.effect), p) for p in shared).items():
         if group[0].site == BASE and group[0].driver.kind != "moment":
             continue
         kind = "arm" if group[0].site.kind in NUMBERED else "setup"
@@ -254,21 +257,16 @@ def listed(c: Circumstances, effects: tuple[str, ...]) -> Iterator[tuple[Effect,
 
 def _of_effects(c: Circumstances, model_names: set[str], effects: tuple[str, ...]) -> Iterator[Item]:
     for effect, parameters in listed(c, effects):
-        grouped: dict[Site, list[Parameter]] = {}
-        for p in parameters:
-            if p.name not in model_names:
-                grouped.setdefault(WHOLE if effect.whole else p.site, []).append(p)
-        for site, group in grouped.items():
+        others = (p for p in parameters if p.name not in model_names)
+        for site, group in grouped((WHOLE if effect.whole else p.site, p) for p in others).items():
             yield Item(f"{effect.name} {site}", effect.name, site, "effect", tuple(map(_change, group)))
 
 
 def _unknown(c: Circumstances) -> Iterator[Item]:
     """Smooth functions of generic drivers: a change that no parameter or effect has."""
     for family in families(replace(c, sessions=())):
-        grouped: dict[tuple[Site, str], list[Parameter]] = {}
-        for p in family.parameters:
-            grouped.setdefault((p.site, str(p.driver)), []).append(p)
-        for (site, driver), group in grouped.items():
+        by_driver = grouped(((p.site, str(p.driver)), p) for p in family.parameters)
+        for (site, driver), group in by_driver.items():
             if "time" not in driver and "temperature" not in driver:
                 yield Item(f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, group)))
 

@@ -21,6 +21,7 @@ from bayescal.reporting import text
 from bayescal.reporting.origin import entry, filed, origin, plain
 from bayescal.reporting.page import FirstScreen, Section, Text, blocks, page, texts
 from bayescal.reporting.sheet import Column, Sheet, below, headed, screen
+from bayescal.statistics import grouped
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
@@ -101,10 +102,7 @@ def named(item: Json) -> str:
 
 def by_item(items: Sequence[Json]) -> list[list[Json]]:
     """Entries of items by the item and its sessions, in order."""
-    out: dict[tuple[str, str], list[Json]] = {}
-    for x in items:
-        out.setdefault((x["item"], ", ".join(x["sessions"])), []).append(x)
-    return list(out.values())
+    return list(grouped(((x["item"], ", ".join(x["sessions"])), x) for x in items).values())
 
 
 SMALL = {"deg": ("mdeg", 1e3), "mm": ("µm", 1e3)}

@@ -21,6 +21,7 @@ from bayescal.reporting.origin import LIBRARIES, entry, plain, software
 from bayescal.reporting.page import FirstScreen, Section, blocks, page, texts
 from bayescal.reporting.page import Text as Paragraph
 from bayescal.reporting.sheet import Column, Sheet, as_is, below, screen
+from bayescal.statistics import grouped
 from bayescal.storage.reading import Json, read_record
 
 FLEET, SCHEMA = "fleet.json", "bayescal-fleet/1"
@@ -146,11 +147,9 @@ def _difference(d: Difference) -> dict[str, Any]:
 
 def _effects(sessions: Sequence[Json]) -> list[Json]:
     """Effects by site: the arms of which a session has it named, and the number expected of all arms."""
-    by_site: dict[tuple[str, str, str], list[tuple[str, Json]]] = {}
-    for s in sessions:
-        for e in s["effects"]:
-            by_site.setdefault((e["effect"], e["site"], s["robot"]), []).append((s["arm"], e))
-    every = (_effect(key, each, sessions) for key, each in by_site.items())
+    each = ((s, e) for s in sessions for e in s["effects"])
+    by_site = grouped(((e["effect"], e["site"], s["robot"]), (s["arm"], e)) for s, e in each)
+    every = (_effect(key, of_arms, sessions) for key, of_arms in by_site.items())
     return sorted(every, key=lambda e: -len(e["arms"]))
 
 

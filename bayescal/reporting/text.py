@@ -16,7 +16,7 @@ from bayescal.effects import BASELINE, EFFECTS, UNITS
 from bayescal.effects.location import OPPOSITE, words_of
 from bayescal.effects.selection import Selection
 from bayescal.effects.vocabulary import unit_label
-from bayescal.statistics import decimals_of
+from bayescal.statistics import decimals_of, grouped
 
 
 def model_options(model: Sequence[str], without: Sequence[str]) -> str:
@@ -252,10 +252,7 @@ def not_assessed(record: Mapping[str, Any]) -> dict[str, str]:
 
 def by_reason(missing: Mapping[str, str]) -> dict[str, list[str]]:
     """Names by the reason that each of them has."""
-    out: dict[str, list[str]] = {}
-    for name, reason in missing.items():
-        out.setdefault(reason, []).append(name)
-    return out
+    return grouped((reason, name) for name, reason in missing.items())
 
 
 def rival(name: str) -> str:

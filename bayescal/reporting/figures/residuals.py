@@ -19,7 +19,7 @@ from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.figures.where import significant
 from bayescal.reporting.style import ACCENT, GREY, INK, MARKED, NOISE, SERIES
-from bayescal.statistics import chi2_isf, rms
+from bayescal.statistics import chi2_isf, grouped, rms
 from bayescal.storage.reading import Json
 
 CLIP = 0.99
@@ -95,9 +95,7 @@ def of_fit(record: Json) -> Errors:
 def of_gap(record: Json, when: str) -> Errors:
     """Errors of the fitted measurements of a diagnosis; `when` is "before" or "after" the refit."""
     entries, rows = record["residuals"], record.get("rows")
-    components: dict[str, list[float]] = {}
-    for name, r in zip(entries["id"], entries[f"{when}_um"], strict=True):
-        components.setdefault(name, []).append(r)
+    components = grouped(zip(entries["id"], entries[f"{when}_um"], strict=True))
     most = max((len(r) for r in components.values()), default=1)
     value = {name: r[0] if most == 1 else np.sqrt(np.sum(np.square(r))) for name, r in components.items()}
     if rows is None:  # in the order of time, as `residuals`

@@ -137,10 +137,8 @@ def effects_sheet(record: Json) -> Sheet:
 
 def _detectable(record: Json) -> dict[str, str]:
     """Smallest detectable amplitude of each effect that may be missed, with the location where it is."""
-    out: dict[str, str] = {}
-    for b in record["blind_spots"]:
-        out.setdefault(b["effect"], f"{_least(b)}, {site_of(b['site'])}")
-    return out
+    spots = reversed(record["blind_spots"])  # of an effect the first counts
+    return {b["effect"]: f"{_least(b)}, {site_of(b['site'])}" for b in spots}
 
 
 def _least(spot: Json) -> str:

@@ -30,6 +30,7 @@ from bayescal.reporting.gap.causes import (
 )
 from bayescal.reporting.origin import components_of
 from bayescal.reporting.text import SURE, listed, probability, rival, um
+from bayescal.statistics import grouped
 
 NO_PLACE = "at no single location"
 COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
@@ -143,11 +144,8 @@ def headline(gap: Gap) -> list[str]:
 
 def unshown(verdict: Verdict) -> dict[str, list[str]]:
     """Effects that were not assessed because the session lacks a column, by the column."""
-    out: dict[str, list[str]] = {}
-    for effect, reason in verdict.missing.items():
-        if columns := COLUMN.findall(reason):
-            out.setdefault(" or ".join(columns), []).append(effect)
-    return out
+    reasons = ((COLUMN.findall(reason), effect) for effect, reason in verdict.missing.items())
+    return grouped((" or ".join(columns), effect) for columns, effect in reasons if columns)
 
 
 MASS, LOADED = "mass", "another known mass on the flange"
