@@ -14,8 +14,7 @@ from bayescal.errors import listed
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.reporting.motion import headed
-from bayescal.reporting.sheet import Column, Sheet, screen
+from bayescal.reporting.sheet import Column, Sheet, headed, screen
 from bayescal.reporting.text import MISSING, Facts, by_reason, with_u
 from bayescal.storage.reading import Json
 
@@ -29,7 +28,8 @@ def check_summary(of: Check | LogCheck) -> RenderableType:
     """What is understood, what can be assessed, and all findings."""
     if isinstance(of, LogCheck):
         record = log_record(of)
-        head = headed(record["dataset"], record["robot"]["name"], "")
+        name, robot = record["dataset"], record["robot"]["name"]
+        head = headed(name, robot if robot != name else "")
         return screen(head, _grouped(_log_lines(of, record)), "", joint_sheet(record))
     record = check_record(of)
     return screen(f"{record['dataset']}  {record['robot']['name']}", _grouped(_lines(of, record)))

@@ -92,8 +92,7 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         "volume": volume and entry(volume, "centre_mm", "size_mm"),
         "expected": {
             **{key: first.get(key) for key in ("over", "distance_sd_um", "distance_sd_um_random")},
-            "equals_random_contacts": plan.equals_random,
-            "next_distance_sd_um": UM * plan.next_u,
+            **entry(plan, "equals_random_contacts=equals_random", "next_distance_sd_um=next_u"),
             "distances": distances,
             "parameters": [entry(p, "name", "unit", "u", "prior_u=prior") for p in plan.parameters],
         },
