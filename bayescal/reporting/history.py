@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text as Words
 
-from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History
+from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History, Limit
 from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
@@ -38,7 +38,6 @@ YEAR = 365.25
 
 def history_record(result: History) -> Json:
     """The content of history.json."""
-    limit = result.limit
     record: dict[str, Any] = {
         "schema": SCHEMA,
         "robot": result.robot,
@@ -47,13 +46,16 @@ def history_record(result: History) -> Json:
         "time_unit": result.unit,
         "runs": [entry(e, *RUN) | {"date": e.dates or None} for e in result.entries],
         "parameters": [_course(c, result) for c in result.courses],
-        "limit": limit
-        and entry(limit, "limit_um", "rate_um", "u_rate_um")
-        | {"probability": QUANTILES, "time_after_last_run": limit.times, "date": limit.dates or None},
+        "limit": result.limit and _limit(result.limit),
         "notes": result.notes,
     }
     record["words"] = words(record)
     return {key: plain(value) for key, value in record.items()}
+
+
+def _limit(limit: Limit) -> dict[str, Any]:
+    when = {"probability": QUANTILES, "time_after_last_run": limit.times, "date": limit.dates or None}
+    return entry(limit, "limit_um", "rate_um", "u_rate_um") | when
 
 
 def _course(c: Course, result: History) -> dict[str, Any]:
