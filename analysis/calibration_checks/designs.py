@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from bayescal.dataset import Dataset, Target
-from bayescal.probing.artefacts import Scenery
+from bayescal.probing.scene import Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
 from bayescal.simulation.session import plan

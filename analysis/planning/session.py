@@ -21,7 +21,7 @@ from bayescal.planning.result import Random, u_of
 from bayescal.planning.setup import read_setup
 from bayescal.predict.errors import centre_distances, lengths
 from bayescal.predict.targets import prepared
-from bayescal.probing.artefacts import Scenery
+from bayescal.probing.scene import Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, World, touch
 from bayescal.simulation.record import distance_certificates, draws, true_targets

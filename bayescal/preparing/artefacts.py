@@ -19,9 +19,9 @@ from bayescal.dataset import Certificate, Patch, Target
 from bayescal.dataset.schema import file_model
 from bayescal.dataset.session import ArtefactFile
 from bayescal.errors import BayescalError
-from bayescal.probing.artefacts import LARGE, U_SPHERE, Cube, Scenery, Sizes
 from bayescal.probing.motions import Arm
 from bayescal.probing.placement import cube_of, placement
+from bayescal.probing.scene import LARGE, U_SPHERE, Cube, Scenery, Sizes
 from bayescal.robots.schema import RobotFile
 from bayescal.storage.files import Keys, stem_of
 

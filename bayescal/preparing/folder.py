@@ -24,7 +24,7 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import ROBOT, certificate_keys, plan_block, target_keys, tool_keys
 from bayescal.errors import BayescalError
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, ON_SPHERE, Artefact, Outline, Room, schema_text
-from bayescal.probing.artefacts import Sizes
+from bayescal.probing.scene import Sizes
 from bayescal.robots import builtin_robots, full_name, load_robot, only_one_arm, robot_to_yaml
 from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of

@@ -12,11 +12,10 @@ from bayescal.arm.inverse import PASSES
 from bayescal.arm.transforms import cone, rotation, rpy_matrix
 from bayescal.dataset.regions import LOWEST, STEM, stemmed
 from bayescal.errors import BayescalError
-from bayescal.probing.artefacts import FACES, LONGEST, RADIUS, Cube, Sizes, layout
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import Contacts, Moving, Sites, reach
 from bayescal.probing.motions import Arm, cone_of
-from bayescal.probing.scene import Solid, on_table
+from bayescal.probing.scene import FACES, LONGEST, RADIUS, Cube, Sizes, Solid, layout, on_table
 from bayescal.statistics import stream
 
 STARTS = 8  # per contact

@@ -19,7 +19,7 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import EFFECTS, UNITS
 from bayescal.model import Model
 from bayescal.model.scene import Scene
-from bayescal.probing.artefacts import U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
+from bayescal.probing.scene import U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
 from bayescal.simulation.session import Options
 from bayescal.statistics import stream
 from bayescal.storage.files import json_text

@@ -13,10 +13,10 @@ from bayescal.dataset import Dataset, Measurements, Noise
 from bayescal.effects import BASELINE, EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.probing.artefacts import Scenery, Sizes
 from bayescal.probing.contacts import Contacts
 from bayescal.probing.motions import Arm
 from bayescal.probing.placement import among, cube_of, on_face, placement
+from bayescal.probing.scene import Scenery, Sizes
 from bayescal.robots import builtin_robots
 from bayescal.statistics import stream
 

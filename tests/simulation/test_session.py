@@ -21,10 +21,9 @@ from bayescal.effects import EFFECTS
 from bayescal.effects.imaging import without_camera
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.probing.artefacts import layout
 from bayescal.probing.clearance import Clearance, path_free
 from bayescal.probing.motions import Arm, inverse
-from bayescal.probing.scene import scene_of
+from bayescal.probing.scene import layout, scene_of
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate, touch
 from bayescal.simulation.record import summary, write

@@ -11,7 +11,7 @@ from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.probing.artefacts import LARGE, Cube, Scenery
+from bayescal.probing.scene import LARGE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
 from bayescal.simulation.record import distance_certificates, key_of, noise, true_targets
