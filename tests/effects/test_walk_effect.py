@@ -70,7 +70,7 @@ ALLOWED = {
     "programs/tools.py": "a program corrects tools with the geometry of the arm",
     "planning/plan.py": "a plan states which stiffnesses a session determines",
     "reporting/exports.py": "the parameters of the tool belong to every model",
-    "reporting/fit/sheets.py": "the form of faces is listed apart from the arm",
+    "reporting/fit/__init__.py": "the form of faces is listed apart from the arm",
     "reporting/text.py": "the uncertainty of the masses is that of the compliance",
     "exporting": "a format writes each effect in its own way",
     "verifying": "a format is checked by the effects that it writes",
