@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Term
-from bayescal.effects import location
-from bayescal.effects.common import (
-    LEANING,
-    base_terms,
-    by_session,
-    carries,
-    first_axis,
-    site_and_driver,
-    tilts,
-    usual,
-    vertical,
-    without_masses,
-    without_torques,
-)
+from bayescal.effects import common, location
 from bayescal.effects.location import COMPLIANT, FACTOR, Driver, Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan, Where
 
@@ -54,7 +42,7 @@ def loaded(c: Circumstances) -> Iterator[tuple[int, str, float, np.ndarray]]:
     assert c.torques is not None
     for j, (name, mean) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
         torque = c.torques[:, j - 1]
-        if carries(torque):
+        if common.carries(torque):
             yield j, name, float(mean), torque
 
 
@@ -75,11 +63,11 @@ def by_torque(
         Parameter(
             f"{effect} {name}", "m" if slides else unit,
             (Term(j, c.robot.axes[j - 1], driver(torque, most)),), sd(compliance, most),
-            **site_and_driver(j, Driver("torque", j, form=form)),
+            **common.site_and_driver(j, Driver("torque", j, form=form)),
         )
         for j, name, compliance, torque in loaded(c)
         for slides in [c.robot.slides[j - 1]]
-        for most in [usual(c, torque)]
+        for most in [common.usual(c, torque)]
         if unit == "rad" or not slides
     ]  # fmt: skip
 
@@ -89,7 +77,7 @@ def _compliance(c: Circumstances) -> list[Parameter]:
     return [
         Parameter(
             f"compliance {name}", unit, (Term(j, axis, torque),), SPREAD * mean, float(nominal[j - 1]),
-            mean, positive=True, **site_and_driver(j, Driver("torque", j)),
+            mean, positive=True, **common.site_and_driver(j, Driver("torque", j)),
         )
         for j, name, mean, torque in loaded(c)
         for axis in [c.robot.axes[j - 1]]
@@ -101,7 +89,7 @@ COMPLIANCE = Effect(
     "compliance",
     "joint k yields elastically to its gravity torque",
     _compliance,
-    without_torques,
+    common.without_torques,
     sizes={"rad/(N m)": COMPLIANT, "m/N": COMPLIANT, "1": FACTOR},
     phrase=("every joint", "deflects under gravity torque"),
     remedy=(
@@ -147,11 +135,11 @@ def _uneven(c: Circumstances) -> list[Parameter]:
         Parameter(
             f"hardening {name} {words}", "m" if c.robot.slides[j - 1] else "rad",
             (Term(j, c.robot.axes[j - 1], side * np.maximum(side * soft, 0.0)),),
-            CHANGE * compliance * UNEVEN_KNEE * usual(c, torque),
-            **site_and_driver(j, Driver("torque", j, form="uneven")),
+            CHANGE * compliance * UNEVEN_KNEE * common.usual(c, torque),
+            **common.site_and_driver(j, Driver("torque", j, form="uneven")),
         )
         for j, name, compliance, torque in loaded(c)
-        for soft in [np.tanh(torque / (UNEVEN_KNEE * usual(c, torque)))]
+        for soft in [np.tanh(torque / (UNEVEN_KNEE * common.usual(c, torque)))]
         for side, words in ((1.0, "positive"), (-1.0, "negative"))
     ]  # fmt: skip
 
@@ -170,7 +158,7 @@ HARDENING = Effect(
     "hardening",
     "nonlinear (torque-dependent) stiffness of joint k",
     _hardening,
-    without_torques,
+    common.without_torques,
     Scan(
         "knee as a share of the usual torque",
         "low stiffness up to {:.0%} of the usual torque",
@@ -213,16 +201,16 @@ BASE: Where = {"site": location.BASE, "driver": Driver("base moment")}
 
 
 def _base_compliance(c: Circumstances) -> list[Parameter]:
-    up, out = vertical(c), []
-    for tilt in tilts(c):
-        turn = base_terms(c, "r", tilt.axis, tilt.moment)
+    up, out = common.vertical(c), []
+    for tilt in common.tilts(c):
+        turn = common.base_terms(c, "r", tilt.axis, tilt.moment)
         name = f"base-compliance {tilt.name}"
         out.append(Parameter(name, "rad/(N m)", turn, SPREAD * MEAN, 0.0, MEAN, positive=True, **BASE))
         slides = {"slide": tilt.across}
-        if abs(np.cross(tilt.axis, first_axis(c)) @ up) > LEANING:  # a hinge behind the plate
+        if abs(np.cross(tilt.axis, common.first_axis(c)) @ up) > common.LEANING:  # a hinge behind the plate
             slides["rise"] = up
         for how, along in slides.items():
-            moved = base_terms(c, "t", along, tilt.moment)
+            moved = common.base_terms(c, "t", along, tilt.moment)
             label = f"base-compliance {how} {tilt.name}"
             out.append(Parameter(label, "m/(N m)", moved, SPREAD * MEAN * LEVER, **BASE))
     return out
@@ -230,12 +218,13 @@ def _base_compliance(c: Circumstances) -> list[Parameter]:
 
 def _turned(c: Circumstances) -> list[Parameter]:
     """The same about two horizontal axes of any direction: a symmetric matrix, and its lever arm."""
-    usual, pair = _base_compliance(c), tilts(c)
+    usual, pair = _base_compliance(c), common.tilts(c)
     if len(pair) < 2:
         return usual
     one, other = pair
-    turn = (*base_terms(c, "r", one.axis, other.moment), *base_terms(c, "r", other.axis, one.moment))
-    slide = (*base_terms(c, "t", one.axis, one.moment), *base_terms(c, "t", other.axis, -other.moment))
+    terms = partial(common.base_terms, c)
+    turn = (*terms("r", one.axis, other.moment), *terms("r", other.axis, one.moment))
+    slide = (*terms("t", one.axis, one.moment), *terms("t", other.axis, -other.moment))
     return [
         *usual,
         Parameter("base-compliance cross", "rad/(N m)", turn, SPREAD * MEAN, **BASE),
@@ -247,7 +236,7 @@ BASE_COMPLIANCE = Effect(
     "base-compliance",
     "the base deflects under the gravity moment of the arm",
     _base_compliance,
-    without_masses,
+    common.without_masses,
     sizes={"rad/(N m)": COMPLIANT, "m/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("the base", "deflects under the gravity moment of the arm"),
     remedy=(
@@ -256,7 +245,7 @@ BASE_COMPLIANCE = Effect(
     ),
     requires=("compliance",),
     forms=(
-        by_session(_base_compliance),
+        common.by_session(_base_compliance),
         Form("turned", "about horizontal axes that are turned against those of F0", _turned),
     ),
     simulated_within=1e-7,

@@ -25,16 +25,7 @@ from bayescal.arm.chain import Chain, frames, link_angles
 from bayescal.arm.motion import Term
 from bayescal.arm.statics import Loads, centre_of_mass, gravity_in_f0, hinges, placed
 from bayescal.arm.transforms import cross
-from bayescal.effects.common import (
-    LEANING,
-    by_session,
-    carries,
-    first_axis,
-    site_and_driver,
-    vertical,
-    without_masses,
-    without_slides,
-)
+from bayescal.effects import common
 from bayescal.effects.compliance import BASE_COMPLIANCE, COMPLIANCE, ELBOW, SHOULDER, SPREAD, of_joints
 from bayescal.effects.location import COMPLIANT, FACTOR, TOOL, Driver, Size, length, link
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Where
@@ -77,8 +68,8 @@ def _hinge(c: Circumstances, j: int, axis: np.ndarray, point: np.ndarray) -> lis
 
 
 def _bending(c: Circumstances) -> list[Parameter]:
-    upright = float(first_axis(c) @ vertical(c))
-    first_leans = min(abs(upright), np.sqrt(max(1.0 - upright**2, 0.0))) > LEANING
+    upright = float(common.first_axis(c) @ common.vertical(c))
+    first_leans = min(abs(upright), np.sqrt(max(1.0 - upright**2, 0.0))) > common.LEANING
     usual = SHARE * of_joints(c.robot, SHOULDER)
     out = []
     for j, (name, of_joint) in enumerate(zip(c.robot.joint_names, usual.tolist(), strict=True), start=1):
@@ -89,7 +80,7 @@ def _bending(c: Circumstances) -> list[Parameter]:
                 parts[f"link {axis}"] = _hinge(c, j, way, two.mean(axis=0)), of_link
         where: Where = {"site": link(j), "driver": Driver("bending moment")}
         for part, (terms, mean) in parts.items():
-            if any(carries(np.asarray(term.driver)) for term in terms):
+            if any(common.carries(np.asarray(term.driver)) for term in terms):
                 label, sd = f"bending {name} {part}", SPREAD * mean
                 out.append(Parameter(label, "rad/(N m)", tuple(terms), sd, 0.0, mean, positive=True, **where))
     return out
@@ -99,7 +90,7 @@ BENDING = Effect(
     "bending",
     "transverse (bending) compliance of link k",
     _bending,
-    without_masses,
+    common.without_masses,
     sizes={"rad/(N m)": COMPLIANT, "1": FACTOR},
     phrase=("every link", "has transverse (bending) compliance"),
     remedy=(
@@ -163,13 +154,13 @@ def _bent(c: Circumstances, beam: Beam, label: str) -> list[Parameter]:
         for name, about, along, way in (("x", 1, 0, sign), ("y", 0, 1, -sign)):
             m, f = moment[:, about], way * force[:, along]
             turned, moved = turn * m + both * f, way * (shift * f + both * m)
-            if carries(turned) or carries(moved):
+            if common.carries(turned) or common.carries(moved):
                 terms = (Term(j, f"r{'xyz'[about]}", turned), Term(j, f"t{'xyz'[along]}", moved))
                 out.append(
                     Parameter(
                         f"axis-bending {label}{c.robot.joint_names[j - 1]} {name}", "rad/(N m^2)", terms,
                         SPREAD * MEAN, 0.0, MEAN, positive=True,
-                        **site_and_driver(j, Driver("extended moment")),
+                        **common.site_and_driver(j, Driver("extended moment")),
                     )
                 )  # fmt: skip
     return out
@@ -179,7 +170,7 @@ AXIS_BENDING = Effect(
     "axis-bending",
     "a linear axis bends under its load, by its extension",
     lambda c: _bent(c, cantilever, ""),
-    lambda c: without_slides(c) or without_masses(c),
+    lambda c: common.without_slides(c) or common.without_masses(c),
     sizes={"rad/(N m^2)": COMPLIANT, "1": FACTOR},
     phrase=("the linear axis", "bends under its load"),
     remedy=(
@@ -333,7 +324,7 @@ def _added(c: Circumstances) -> list[Parameter]:
 
 def _payload_missing(c: Circumstances) -> str:
     measured = "the torques are measured: they contain the payload"
-    return without_masses(c) if c.measured_torques is None else measured
+    return common.without_masses(c) if c.measured_torques is None else measured
 
 
 PAYLOAD = Effect(
@@ -354,7 +345,7 @@ PAYLOAD = Effect(
     ),
     requires=("compliance",),
     forms=(
-        by_session(_payload),
+        common.by_session(_payload),
         Form("elsewhere", "a mass that hangs elsewhere than the tool's centre of mass", _elsewhere),
         Form("added", "an added load that hangs elsewhere, or differs in mass", _added),
     ),

@@ -39,18 +39,9 @@ from bayescal.arm.motion import Term
 from bayescal.effects import Parameter
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.gravity import masses
+from bayescal.estimate import moments
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.families import Family, families, linearised_with, model_with, poses, with_compliances
-from bayescal.estimate.moments import (
-    AT_ONCE,
-    CHANCE,
-    LIKELY,
-    UNSEEN,
-    complement,
-    degrees_of_freedom,
-    scatter_factor,
-    variances,
-)
 from bayescal.estimate.solver import root
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import ARM
@@ -129,8 +120,8 @@ class Inputs:
         if not self.names:
             return columns, e
         explained = self.posterior @ (h.T @ columns)
-        for start in range(0, len(h), AT_ONCE):
-            part = slice(start, start + AT_ONCE)
+        for start in range(0, len(h), moments.AT_ONCE):
+            part = slice(start, start + moments.AT_ONCE)
             columns[part] -= h[part] @ explained
         return columns, e - h @ self.mean
 
@@ -327,16 +318,17 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     a = a[:, : len(family)]
     # in place: of a large session the columns are the largest array
     h, residual = errors.without(g[:, : len(family)], g[:, len(family) :], e)
-    level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(names), 1)
-    shown, chance = variances(h, residual, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
+    level = moments.LIKELY if unexplained(fitted).excess else moments.CHANCE / max(len(names), 1)
+    spare = len(e) - float(np.sum(by * j)) - errors.dof
+    shown, chance = moments.variances(h, residual, pose, family, spare, level)
     explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
-    size = np.maximum(UNSEEN * shown, [fitted.least.get(name, 0.0) for name in names])
+    size = np.maximum(moments.UNSEEN * shown, [fitted.least.get(name, 0.0) for name in names])
     kept = np.flatnonzero(size[family] > 0)
     sd = np.sqrt(size[family[kept]])
     sizes = dict(zip(names, size.tolist(), strict=True))
     dof = {
-        name: degrees_of_freedom(h[:, family == k])
+        name: moments.degrees_of_freedom(h[:, family == k])
         for k, (name, own_size) in enumerate(zip(names, size, strict=True))
         if own_size > 0
     }
@@ -346,9 +338,9 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
     z[index] = fitted.z
     bias = a[:, kept] * sd
-    noise, of = scatter_factor(c, j, e, pose)
+    noise, of = moments.scatter_factor(c, j, e, pose)
     noise = np.sqrt(white) * noise
-    least = complement(by, noise @ noise.T + bias @ bias.T)
+    least = moments.complement(by, noise @ noise.T + bias @ bias.T)
     noise, of = np.concatenate([noise, least], axis=1), np.concatenate([of, np.arange(len(j))])
     bias = np.concatenate([bias, errors.slopes @ errors.mixing], axis=1)
     covariance[np.ix_(index, index)] = c - by.T @ by + noise @ noise.T + bias @ bias.T

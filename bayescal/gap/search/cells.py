@@ -22,26 +22,9 @@ from bayescal.effects.common import by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
 from bayescal.estimate.families import cosines
+from bayescal.gap.search import makers
 from bayescal.gap.search.further import FURTHER, MEASURING
-from bayescal.gap.search.makers import (
-    SHIFTS,
-    TURNS,
-    Cell,
-    Mover,
-    along,
-    arguments,
-    at_joint,
-    at_tool,
-    measured,
-    movers,
-    moves,
-    passes,
-    repeated,
-    shifts,
-    sides_of,
-    smooth,
-    tilted,
-)
+from bayescal.gap.search.makers import Cell, Mover, at_joint, measured, movers, moves, shifts, smooth
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -66,7 +49,7 @@ def of_images(c: Circumstances) -> Iterator[Cell]:
         ]  # fmt: skip
         yield Cell(site, Driver("image"), tuple(filter(None, moved)))
         if c.velocity is not None and late_images(c, v):
-            others = [a.functions for a in arguments(c)]
+            others = [a.functions for a in makers.arguments(c)]
             for form, ways in (("in the image", [*place.T[..., None]]), ("and another", others)):
                 clocks = (
                     tuple(Parameter("", "s", late_images(c, v, f), CELLS.late) for f in (1.0, *of.T))
@@ -78,7 +61,7 @@ def of_images(c: Circumstances) -> Iterator[Cell]:
 def of_each_image(c: Circumstances) -> Iterator[Cell]:
     """Errors that are drawn anew for each image: shifts along its sides, and the time of its readings."""
     for v in c.views:
-        site, images = at_view(v, CAMERA), repeated(c, c.readings)
+        site, images = at_view(v, CAMERA), makers.repeated(c, c.readings)
         for k in range(2):
             moved = Parameter("", "px", shifts(v.centre.by[:, :, k]), CELLS.pixels)
             yield Cell(site, Driver("pose", form="uv"[k]), ((moved,),), clusters=images)
@@ -138,7 +121,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
                 late = [at_joint(c, j, [d]) for d in _past(c, torque)]
                 yield Cell(site, Driver("torque", j, form="past"), tuple(late))
         if c.velocity is not None:
-            speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides_of(c, j)]
+            speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in makers.sides_of(c, j)]
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
             play = [at_joint(c, j, [sense(v)], side) for side, v in speeds]
             yield Cell(site, Driver("direction", j), tuple(play), of_known_effect="backlash" in EFFECTS)
@@ -148,7 +131,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
 
 def _courses(c: Circumstances, k: int) -> list[tuple[list[np.ndarray], list[np.ndarray]]]:
     """Functions of the angle of joint k, smooth ones and those beyond a value, by each of its motions."""
-    angles = [motion(c.robot, k, c.readings, of) for of in passes(c, k)]
+    angles = [motion(c.robot, k, c.readings, of) for of in makers.passes(c, k)]
     return [(waves, list(_beyond(x, c.fitted))) for x in angles if (waves := smooth(x, c.fitted))]
 
 
@@ -185,19 +168,19 @@ def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
         drivers = np.exp(-0.5 * ((angle - centres[:, None]) / width) ** 2)
         seen = np.sum(drivers[:, c.fitted] > 0.5, axis=1) >= CELLS.fewest / 2
         for driver in drivers[seen]:
-            yield (along(j, "rz", driver),)
+            yield (makers.along(j, "rz", driver),)
 
 
 def _bending(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         waves = smooth(c.q[:, j - 1], c.fitted)
         axes = ("rx", "ry", "tx", "ty") if c.robot.slides[j - 1] else ("rx", "ry")
-        turns = tuple(along(j, axis, w) for axis in axes for w in waves)
+        turns = tuple(makers.along(j, axis, w) for axis in axes for w in waves)
         yield Cell(link(j), by_reading(c.robot, j), (turns,))
     for tilt in tilts(c):
         waves = smooth(tilt.moment, c.fitted, 3)
         if waves and np.ptp(tilt.moment[c.fitted]) > 1e-3:
-            yield Cell(BASE, Driver("base moment"), (tuple(tilted(c, tilt.axis, w) for w in waves),))
+            yield Cell(BASE, Driver("base moment"), (tuple(makers.tilted(c, tilt.axis, w) for w in waves),))
 
 
 def _time(c: Circumstances) -> Iterator[Cell]:
@@ -269,7 +252,7 @@ def _activity(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
 
 def _hanging(c: Circumstances) -> Iterator[Cell]:
     """A tool that deflects under its weight: by the direction of gravity in its frame."""
-    parts = [p for p in at_tool(c).T if np.ptp(p[c.fitted]) > 1e-3]
+    parts = [p for p in makers.at_tool(c).T if np.ptp(p[c.fitted]) > 1e-3]
     if not parts:
         return
     flips = [np.tanh(p / CELLS.flip) for p in parts]
@@ -286,12 +269,10 @@ def _mount(c: Circumstances) -> Iterator[list[Parameter]]:
 
     It turns by r x g, and shifts by g times a factor; together, or without the shift.
     """
-    down, frame = at_tool(c), c.chain.n + 1
-    turned = [
-        Parameter("", "rad", tuple(Term(TURN, a, t) for a, t in zip(TURNS, of.T, strict=True)), CELLS.angle)
-        for of in (np.cross(place, down) for place in np.eye(3))
-    ]
-    shifted = tuple(Term(frame, a, d) for a, d in zip(SHIFTS, down.T, strict=True))
+    down, frame = makers.at_tool(c), c.chain.n + 1
+    ways = (zip(makers.TURNS, np.cross(place, down).T, strict=True) for place in np.eye(3))
+    turned = [Parameter("", "rad", tuple(Term(TURN, a, t) for a, t in of), CELLS.angle) for of in ways]
+    shifted = tuple(Term(frame, a, d) for a, d in zip(makers.SHIFTS, down.T, strict=True))
     yield [*turned, Parameter("", "m", shifted, CELLS.length)]
     yield turned
 

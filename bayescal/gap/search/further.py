@@ -26,25 +26,8 @@ from bayescal.effects.imaging import at_view
 from bayescal.effects.location import ARM, BASE, CAMERA, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.probe import shapes
 from bayescal.estimate.families import lobes, unit_range
-from bayescal.gap.search.makers import (
-    Cell,
-    along,
-    arguments,
-    at_contact,
-    at_joint,
-    at_tool,
-    fading,
-    measured,
-    movers,
-    moves,
-    passes,
-    points,
-    repeated,
-    sides_of,
-    slack,
-    smooth,
-    tilted,
-)
+from bayescal.gap.search import makers
+from bayescal.gap.search.makers import Cell, at_contact, at_joint, measured, movers, moves, smooth
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -115,18 +98,19 @@ def rocking(c: Circumstances) -> Iterator[Cell]:
             continue
         size = float(np.quantile(np.abs(mine), 0.9))
         for knee, threshold in itertools.product(CELLS.knees, (0.0, float(np.median(mine)))):
-            sets.append((tilted(c, axis, np.tanh((moment - threshold) / (knee * size))),))
+            sets.append((makers.tilted(c, axis, np.tanh((moment - threshold) / (knee * size))),))
     yield Cell(BASE, Driver("base moment", form="sign"), tuple(sets))
 
 
 def travel(c: Circumstances) -> Iterator[Cell]:
     """Errors of a joint by its travel since earlier contacts."""
     order = measured(c)
-    motions = [(j, side) for j in range(1, c.robot.n + 1) for side in sides_of(c, j)]
+    motions = [(j, side) for j in range(1, c.robot.n + 1) for side in makers.sides_of(c, j)]
     angles = np.stack([motion(c.robot, j, c.readings, side)[order] for j, side in motions])
     lengths, widths = np.radians(CELLS.forgotten), np.radians(CELLS.slack)
     states = np.empty((len(motions), len(lengths) + len(widths), len(order)))
-    states[..., order] = np.concatenate([fading(angles, lengths), slack(angles, widths)], axis=1)
+    parts = makers.fading(angles, lengths), makers.slack(angles, widths)
+    states[..., order] = np.concatenate(parts, axis=1)
     for j in range(1, c.robot.n + 1):
         mine = [
             (side, s) for (k, side), courses in zip(motions, states, strict=True) if k == j for s in courses
@@ -141,16 +125,16 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
     That of a pose is the lack of fit, whatever its location: more scatter than that of repeated contacts.
     """
     for j in range(1, c.robot.n + 1):
-        clusters = repeated(c, c.readings[:, j - 1])
+        clusters = makers.repeated(c, c.readings[:, j - 1])
         yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
     if np.any(c.touching):
         moved = at_contact(c.touching.astype(float), [np.ones(len(c.q))])
-        yield Cell(ARM, Driver("pose"), (moved,), clusters=repeated(c, c.readings))
+        yield Cell(ARM, Driver("pose"), (moved,), clusters=makers.repeated(c, c.readings))
 
 
 def with_another(c: Circumstances) -> Iterator[Cell]:
     """Cells of a quantity of a joint and any other one."""
-    given = arguments(c)
+    given = makers.arguments(c)
     for j in range(1, c.robot.n + 1):
         for driver, ways in _by_quantity(c, j).items():
             sets = tuple(
@@ -171,10 +155,10 @@ def _alone(driver: Driver, functions: Functions) -> Functions:
 def _by_quantity(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
     """Functions of each quantity of a joint, by each of its motions."""
     order, out = measured(c), dict[Driver, list[Functions]]()
-    for side in passes(c, j):
+    for side in makers.passes(c, j):
         angle, travel = motion(c.robot, j, c.readings, side), np.empty(len(order))
         if waves := smooth(angle, c.fitted, CELLS.pair_waves):
-            travel[order] = fading(angle[order], np.radians(CELLS.forgotten[1:2]))[0]
+            travel[order] = makers.fading(angle[order], np.radians(CELLS.forgotten[1:2]))[0]
             out.setdefault(by_reading(c.robot, j), []).append(waves)
             out.setdefault(Driver("travel", j), []).append([travel])
         if c.velocity is not None:
@@ -189,7 +173,7 @@ def _by_quantity(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
 
 def by_any(c: Circumstances) -> Iterator[Cell]:
     """Links, base, tool and lens that change along one of their axes by any quantity, and links by two."""
-    given = [a for a in arguments(c) if a.driver.kind != "contact direction"]
+    given = [a for a in makers.arguments(c) if a.driver.kind != "contact direction"]
     weight = CELLS.paired / max(len(given), 1)
     clock = [f for a in given if a.driver.kind == "time" for f in a.functions.T]
     for a in given:
@@ -197,7 +181,7 @@ def by_any(c: Circumstances) -> Iterator[Cell]:
             both = [list(a.functions.T)]
             if a.driver.kind in BY_READING:
                 both.append([*a.functions.T, *(u * v for u in a.functions.T for v in clock)])
-            sets = tuple(tuple(along(j, axis, f) for f in of) for of in both for axis in ("rx", "ry"))
+            sets = tuple(tuple(makers.along(j, axis, f) for f in of) for of in both for axis in ("rx", "ry"))
             yield Cell(link(j), a.driver, sets, weight=weight)
         for site in (BASE, TOOL, *(at_view(v, CAMERA) for v in c.views)):
             yield Cell(site, a.driver, tuple(_each_axis(c, site, list(a.functions.T))), weight=weight)
@@ -219,8 +203,8 @@ def remembering(c: Circumstances) -> Iterator[Cell]:
     for by in (t for t in tilts(c) if np.ptp(t.moment[c.fitted]) > 0):
         mine = by.moment[order] - np.median(by.moment[c.fitted])
         state = np.empty((len(CELLS.clearance), len(order)))
-        state[:, order] = slack(mine, np.array(CELLS.clearance) * np.std(by.moment[c.fitted]))
-        sets += [(tilted(c, by.axis, s),) for s in state]
+        state[:, order] = makers.slack(mine, np.array(CELLS.clearance) * np.std(by.moment[c.fitted]))
+        sets += [(makers.tilted(c, by.axis, s),) for s in state]
     yield Cell(BASE, Driver("base moment", form="past"), tuple(sets))
     if not np.any(c.touching):
         return
@@ -237,11 +221,12 @@ def pointing(c: Circumstances) -> Iterator[Cell]:
     """An error of the probe by the direction of contact and any quantity, gravity among them."""
     if not np.any(c.touching):
         return
-    way, down, on = np.where(c.touching[:, None], c.approach, 0.0), at_tool(c), c.touching.astype(float)
+    way, on = np.where(c.touching[:, None], c.approach, 0.0), c.touching.astype(float)
+    down = makers.at_tool(c)
     along = np.sum(way * down, axis=1)
     sets = [[u * v for u in way.T for v in down.T], [along, *(along * f for f in (*down.T, *np.abs(down.T)))]]
     sets = sets if np.ptp(along[c.fitted]) > 0 else []
-    others = [a.functions.T for a in arguments(c) if a.driver.kind != "contact direction"]
+    others = [a.functions.T for a in makers.arguments(c) if a.driver.kind != "contact direction"]
     sets += [[*of, *(u * v for u in way.T for v in of)] for of in others]
     cell = Driver("contact direction", form="and another")
     yield Cell(PROBE, cell, tuple(at_contact(on, of) for of in sets))
@@ -260,7 +245,7 @@ def probe(c: Circumstances) -> Iterator[Cell]:
 
 def region(c: Circumstances) -> Iterator[Cell]:
     """A probe or an instrument by the position in the workspace: everywhere, or in one region."""
-    place = points(c)
+    place = makers.points(c)
     low, high = place[c.fitted].min(axis=0), place[c.fitted].max(axis=0)
     half = np.maximum(0.5 * (high - low), 1e-3)
     u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
@@ -290,7 +275,7 @@ def beams(c: Circumstances) -> Iterator[Cell]:
         mine = c.fitted[rows[c.fitted] > 0]
         if len(mine) < CELLS.fewest:
             continue
-        quantities, axes = _polar(points(c) - place, mine)
+        quantities, axes = _polar(makers.points(c) - place, mine)
         along = axes @ c.chain.base[:3, :3]  # as the base is displaced
         smoothly, local, waves = [], [], []
         for k, x in enumerate(quantities):
