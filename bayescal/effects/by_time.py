@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -62,26 +62,22 @@ def _lengths(c: Circumstances, driver: np.ndarray) -> tuple[Term, ...]:
     return (*lengths, *(Term(frame, "tz", grown) for frame, grown in scales))
 
 
-def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
-    lengths, out = _lengths(c, driver), []
+def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> Iterator[Parameter]:
     kind = Driver("time" if by == "row" else by)
-    if lengths:
-        out.append(Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site=ARM, driver=kind))
+    if lengths := _lengths(c, driver):
+        yield Parameter(f"thermal-drift growth by {by}", "1", lengths, GROWTH_SD, site=ARM, driver=kind)
     for axis in "xyz":
         term = (Term(0, f"t{axis}", driver),)
-        out.append(
-            Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site=BASE, driver=kind)
-        )
+        yield Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site=BASE, driver=kind)
     for j, name in enumerate(c.robot.joint_names, start=1):
         term, slides = (Term(j, c.robot.axes[j - 1], driver),), c.robot.slides[j - 1]
         unit, sd = ("m", BASE_SD) if slides else ("rad", ZERO_SD)
-        out.append(Parameter(f"thermal-drift {name} by {by}", unit, term, sd, **site_and_driver(j, kind)))
-    return out
+        yield Parameter(f"thermal-drift {name} by {by}", unit, term, sd, **site_and_driver(j, kind))
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
+def _parameters(c: Circumstances) -> Iterable[Parameter]:
     recorded = course(c)
-    return [] if recorded is None else _drifting(c, *recorded)
+    return () if recorded is None else _drifting(c, *recorded)
 
 
 def _scaled(values: np.ndarray) -> np.ndarray:
@@ -106,9 +102,9 @@ def _warming(c: Circumstances, constant: float) -> list[Parameter]:
 def _by_clock(c: Circumstances, course: Callable[[np.ndarray], np.ndarray]) -> list[Parameter]:
     """The drift of every session by a function of its times (N,), s; none where these do not vary."""
 
-    def one(c: Circumstances) -> list[Parameter]:
+    def one(c: Circumstances) -> Iterable[Parameter]:
         time = _clock(c)
-        return [] if time is None else _drifting(c, "time", course(time))
+        return () if time is None else _drifting(c, "time", course(time))
 
     return apart(c, one)
 
@@ -259,26 +255,25 @@ def _apart(c: Circumstances, one: tuple[Site, float], other: tuple[Site, float])
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:
     if not c.sessions:
-        return _shift(c, row)
+        return list(_shift(c, row))
     index = min(int(row), len(c.q)) - 1
     return [within(p, s) for s in c.sessions if s.rows[index] for p in _shift(alone(c, s), row)]
 
 
-def _shift(c: Circumstances, row: float) -> list[Parameter]:
+def _shift(c: Circumstances, row: float) -> Iterator[Parameter]:
     since, end = after(c, row), c.chain.n + 1
-    out = _displaced("step", BASE, since, {0: (*SHIFTS, *TURNS)})
+    yield from _displaced("step", BASE, since, {0: (*SHIFTS, *TURNS)})
     indices = reflectors(c)
     tools = [("step tool", TOOL, indices)] if indices else []
     if len(indices) > 1:
         tools += [(f"step tool {c.tool_names[k]}", TOOL.of(c.tool_names[k]), (k,)) for k in indices]
     for name, site, used in tools:
         axes = {end: SHIFTS} | ({TURN: TURNS} if set(used) & set(c.turned_tools) else {})
-        out += _displaced(name, site, since * np.isin(c.tool, used), axes)
+        yield from _displaced(name, site, since * np.isin(c.tool, used), axes)
     for name, rows, place in c.instruments:
         if np.sum(rows[c.fitted]) < len(c.fitted) or np.linalg.norm(place) > NEAR:
-            shift = _displaced(f"step {name}", face(name), since * rows, {0: (*SHIFTS, *TURNS)})
-            out += [replace(p, terms=_about(p.terms[0], place)) for p in shift]
-    return out
+            for p in _displaced(f"step {name}", face(name), since * rows, {0: (*SHIFTS, *TURNS)}):
+                yield replace(p, terms=_about(p.terms[0], place))
 
 
 def _about(term: Term, place: np.ndarray) -> tuple[Term, ...]:
@@ -297,15 +292,12 @@ def reflectors(c: Circumstances) -> tuple[int, ...]:
 
 def _displaced(
     name: str, site: Site, since: np.ndarray, axes: Mapping[int, tuple[str, ...]]
-) -> list[Parameter]:
+) -> Iterator[Parameter]:
     """A displacement of some frames along some axes, by a driver (N,)."""
     where: Where = {"site": site, "driver": Driver("event")}
-    return [
-        Parameter(f"{name} {axis.removeprefix('t')}", unit, (Term(frame, axis, since),), sd, **where)
-        for frame, directions in axes.items()
-        for axis in directions
-        for unit, sd in (SD[axis[0]],)
-    ]
+    for frame, axis in ((frame, axis) for frame, directions in axes.items() for axis in directions):
+        unit, sd = SD[axis[0]]
+        yield Parameter(f"{name} {axis.removeprefix('t')}", unit, (Term(frame, axis, since),), sd, **where)
 
 
 STEP = Effect(

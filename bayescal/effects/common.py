@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -266,10 +266,10 @@ def within(p: Parameter, session: Session) -> Parameter:
     return replace(p, name=f"{session.name}:{p.name}", terms=terms)
 
 
-def apart(c: Circumstances, make: Callable[[Circumstances], list[Parameter]]) -> list[Parameter]:
+def apart(c: Circumstances, make: Callable[[Circumstances], Iterable[Parameter]]) -> list[Parameter]:
     """Separate parameters for every session: those of `make` for its circumstances, in its rows."""
     if not c.sessions:
-        return make(c)
+        return list(make(c))
     sessions = ((session, alone(c, session)) for session in c.sessions)
     return [within(p, session) for session, one in sessions if len(one.fitted) for p in make(one)]
 

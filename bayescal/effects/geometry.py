@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from bayescal.arm.motion import TURN, Term
@@ -36,13 +38,11 @@ def _link(c: Circumstances, kind: str, i: int) -> Parameter:
     return Parameter(f"{kind}{i}", unit, (Term(i, axis),), sd, _nominal(c, kind, i), site=site)
 
 
-def _base(c: Circumstances) -> list[Parameter]:
-    out = []
+def _base(c: Circumstances) -> Iterator[Parameter]:
     for axis in ("tx", "ty", "tz", "rx", "ry", "rz") if c.tied_base else ():
         unit = "m" if axis[0] == "t" else "rad"
         term = (Term(0, axis),)
-        out.append(Parameter(f"base {axis.removeprefix('t')}", unit, term, BASE_SD[axis[0]], site=BASE))
-    return out
+        yield Parameter(f"base {axis.removeprefix('t')}", unit, term, BASE_SD[axis[0]], site=BASE)
 
 
 def _geometry(c: Circumstances) -> list[Parameter]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
@@ -32,7 +34,7 @@ def late_images(c: Circumstances, v: View, by: np.ndarray | float = 1.0) -> tupl
     return tuple(Term(j, c.robot.axes[j - 1], -rate) for j, rate in enumerate(rates, start=1) if rate.any())
 
 
-def reading_errors(c: Circumstances, sd: np.ndarray, image: np.ndarray) -> list[Parameter]:
+def reading_errors(c: Circumstances, sd: np.ndarray, image: np.ndarray) -> Iterator[Parameter]:
     """An error of each reading of each image, which its corners share: nuisance parameters.
 
     Parameters
@@ -43,14 +45,12 @@ def reading_errors(c: Circumstances, sd: np.ndarray, image: np.ndarray) -> list[
     image : np.ndarray, shape (N,)
         Number of the image of each row; rows without one have -1.
     """
-    out = []
     for one in np.unique(image[image >= 0]):
         rows = (image == one).astype(float)
         for k in np.flatnonzero(sd > 0):
             by = [(j, x) for j, x in enumerate(c.robot.link_from_reading[:, k].tolist(), start=1) if x]
             terms = tuple(Term(j, c.robot.axes[j - 1], x * rows) for j, x in by)
-            out.append(Parameter(f"reading {k + 1} of image {one}", "", terms, float(sd[k])))
-    return out
+            yield Parameter(f"reading {k + 1} of image {one}", "", terms, float(sd[k]))
 
 
 def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 0.0) -> list[Parameter]:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 import numpy as np
 from scipy.optimize import minimize
@@ -342,9 +343,8 @@ def doubted(fitted: Estimate, scene: Scene, effects: tuple[str, ...], options: F
     file = {p.name: p for p in fitted.model.parameters}
     mean = np.array([(file[p.name].centre - p.centre) / p.sd for p in parameters])
     sd = np.array([file[p.name].sd / p.sd for p in parameters])
-    out: list[str] = []
-    for shift in shifts(information, score, mean, np.diag(sd**2), MOST):
-        if abs(shift.ratio) < FAR or parameters[shift.index].name not in names:
-            break
-        out.append(parameters[shift.index].name)
-    return tuple(out)
+    every = [
+        (parameters[s.index].name, s.ratio) for s in shifts(information, score, mean, np.diag(sd**2), MOST)
+    ]
+    far = takewhile(lambda one: abs(one[1]) >= FAR and one[0] in names, every)
+    return tuple(name for name, _ in far)

@@ -217,8 +217,8 @@ class Scene:
             speed=self._speed,
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,
-            faces=self._faces(fitted),
-            certified_values=self._certified_values({t.name for t in targets}),
+            faces=tuple(self._faces(fitted)),
+            certified_values=tuple(self._certified_values({t.name for t in targets})),
             sessions=self._sessions(targets),
             instruments=self._instruments(fitted),
             views=views_of(self, fitted),
@@ -271,11 +271,10 @@ class Scene:
             for t in instruments
         )
 
-    def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
+    def _faces(self, fitted: np.ndarray) -> Iterator[Face]:
         d = self.dataset
         stated = {c.targets[0]: c.u_form for c in d.certificates if c.kind == "flat"}
         certified = {name for c in d.certificates for name in c.targets}
-        out: list[Face] = []
         for t in np.unique(d.measurements.target[fitted]):
             kind = self.kind(int(t), self.rows_of(int(t), fitted))
             if not self.declared[t].flat:
@@ -289,8 +288,7 @@ class Scene:
             # validation contacts slightly outside are evaluated at the edge: polynomials diverge beyond it
             place = np.where(touching[:, None], np.clip(place, -1.1, 1.1), 0.0)
             name = d.targets[t].name
-            out.append(Face(name, touching.astype(float), place, stated.get(name), name in certified))
-        return tuple(out)
+            yield Face(name, touching.astype(float), place, stated.get(name), name in certified)
 
     def forms(self, entry: Certificate) -> tuple[str, str]:
         """Forms of both targets of a certificate, of `factors.certificate.FORMS`."""
@@ -317,18 +315,16 @@ class Scene:
         places = [[(next(index), points.of[k]) for k in group] for group in groups]
         return shape(np.array(points.coordinates), np.array(points.covariance), places), names
 
-    def _certified_values(self, fitted: set[str]) -> tuple[CertifiedValue, ...]:
+    def _certified_values(self, fitted: set[str]) -> Iterator[CertifiedValue]:
         """All certified values of the targets with these names."""
-        out: list[CertifiedValue] = []
         for number, entry in enumerate(self.dataset.certificates):
             if entry.points is not None:
-                out += self._coordinates(entry, number, fitted)
+                yield from self._coordinates(entry, number, fitted)
             if entry.points is not None or not fitted.issuperset(entry.targets):
                 continue
             stated = self.stated(entry)
             for (what, unit), u, rows in zip(stated, u_of(entry, stated), np.eye(len(stated)), strict=True):
-                out.append(CertifiedValue(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows))
-        return tuple(out)
+                yield CertifiedValue(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows)
 
     def _coordinates(self, entry: Certificate, number: int, fitted: set[str]) -> Iterator[CertifiedValue]:
         """The certified coordinates of the points that fitted targets are."""

@@ -7,7 +7,7 @@ with simulated noise of the rows: the spread over draws is the predicted uncerta
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -254,15 +254,14 @@ def validate(
     )
 
 
-def _turns(estimate: Estimate, linearised: targets.Prepared) -> list[targets.RowPrediction]:
+def _turns(estimate: Estimate, linearised: targets.Prepared) -> Iterator[targets.RowPrediction]:
     """Orientations that validation measurements measure together with their points."""
-    model, out = estimate.model, []
+    model = estimate.model
     for r in linearised.rows:
         rows = _known_turns(model, r.block.rows)
         if len(rows):
             block = model.turned(model.scene.index[r.block.target], rows)
-            out.append(targets.predicted_rows(estimate, block, r.target))
-    return out
+            yield targets.predicted_rows(estimate, block, r.target)
 
 
 def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
@@ -275,8 +274,7 @@ def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
     return posed[oriented[m.tool[posed]]]
 
 
-def _distances(d: _Draws, linearised: targets.Prepared) -> list[DistanceCheck]:
-    out = []
+def _distances(d: _Draws, linearised: targets.Prepared) -> Iterator[DistanceCheck]:
     for c, a, b in certified_pairs(d.estimate.model.scene, linearised.located):
         measured = float(np.linalg.norm(a.centre - b.centre))
         drawn = [t.centre + d.located(t)[0] @ t.to_state[:3].T for t in (a, b)]
@@ -284,13 +282,11 @@ def _distances(d: _Draws, linearised: targets.Prepared) -> list[DistanceCheck]:
         predicted = measured - np.linalg.norm(drawn[0] - drawn[1], axis=1) + u * d.normal()
         assert c.distance is not None
         names = (c.targets[0], c.targets[1])
-        out.append(DistanceCheck(names, c.distance, u, measured - c.distance, predicted))
-    return out
+        yield DistanceCheck(names, c.distance, u, measured - c.distance, predicted)
 
 
-def _diameters(d: _Draws, linearised: targets.Prepared) -> list[DiameterCheck]:
-    scene, out = d.estimate.model.scene, []
-    certified: Mapping[str, float] = targets.certified_diameters(scene)
+def _diameters(d: _Draws, linearised: targets.Prepared) -> Iterator[DiameterCheck]:
+    certified = targets.certified_diameters(d.estimate.model.scene)
     for name, t in linearised.loose.items():
         names = [part for part, _ in t.block.kind.parts]
         if "diameter" not in names:
@@ -299,5 +295,4 @@ def _diameters(d: _Draws, linearised: targets.Prepared) -> list[DiameterCheck]:
         nominal = float(t.block.kind.describe(np.zeros(len(names)))["diameter"])
         u = certified.get(name, 0.0)
         predicted = -d.located(t)[0] @ t.to_state[k] + u * d.normal()
-        out.append(DiameterCheck(name, nominal, float(t.state[k]), predicted))
-    return out
+        yield DiameterCheck(name, nominal, float(t.state[k]), predicted)

@@ -222,11 +222,10 @@ def _amplitudes(
 
 def _axes(parameters: Sequence[Parameter]) -> list[str]:
     """What each parameter of a sudden change moves, as text: ``shift x``, or ``shift`` alone."""
-    out = []
-    for p in parameters:
-        kind, axis = "rotation" if p.unit == "rad" else "shift", p.terms[0].axis  # "tx", "rz", "normal"
-        out.append(f"{kind} {axis[-1]}" if len(parameters) > 1 else kind)
-    return out
+    kinds = ["rotation" if p.unit == "rad" else "shift" for p in parameters]
+    if len(parameters) == 1:
+        return kinds
+    return [f"{kind} {p.terms[0].axis[-1]}" for kind, p in zip(kinds, parameters, strict=True)]  # "tx", "rz"
 
 
 def _about(p: Parameter, c: Circumstances) -> str:
