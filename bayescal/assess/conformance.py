@@ -249,10 +249,8 @@ def _distance_accuracy(basis: Basis) -> Iterator[Figure]:
         float(np.sqrt(sum(np.sum((way @ by) ** 2) for by in changes)))
         for way in (mean, np.eye(len(error))[k])
     )
-    size = np.abs(error)
-    yield Figure(
-        "AD", "distance accuracy, absolute", len(error), float(np.mean(size)), float(size[k]), u, u_max
-    )
+    size, most = float(np.mean(np.abs(error))), float(np.abs(error[k]))
+    yield Figure("AD", "distance accuracy, absolute", len(error), size, most, u, u_max)
 
 
 def _differs(basis: Basis, parts: list[RowPrediction]) -> Iterator[str]:

@@ -6,7 +6,7 @@ certificate that they are compared with; and what neither noise nor parameters e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,7 +184,7 @@ def readings(basis: inputs.Basis) -> Measurand | None:
     for r in basis.prepared.rows:
         if (read := read_pairs(wide.model.scene, r.block.target, r.block.rows)) is not None:
             by = _by_residuals(*read, len(r.block.rows))
-            parts.append((by @ _slopes(r), _errors(basis, r, by)))
+            parts.append((by @ _slopes(r), list(_errors(basis, r, by))))
     if not parts:
         return None
     by_z, errors = _stacked(parts)
@@ -213,18 +213,17 @@ def _slopes(r: RowPrediction) -> np.ndarray:
     return out
 
 
-def _errors(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.Contribution]:
+def _errors(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> Iterator[inputs.Contribution]:
     """Errors of the readings themselves, and of locating their target; `by` (K, R)."""
     wide = basis.stated.wide
     z = wide.z[wide.model.slices[r.block.target]] if r.target is None else r.target.z
     # rows that locate their target: their errors change the target too
     each = by if not r.locates_target or r.target is None else by + by @ r.by_target @ r.target.gain
     names = "noise of the compared readings", "joint readings at the compared rows"
-    out = list(inputs.reading_errors(basis, r.block, z, r.noise, each, names))
+    yield from inputs.reading_errors(basis, r.block, z, r.noise, each, names)
     if basis.excess and r.target is not None:  # the noise scale of fitted targets includes it
         instrument = wide.model.scene.declared_of(r.block.target).of_instrument
-        out.append((basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)))
+        yield basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)
     if r.target is not None:
         of_target = inputs.location_errors(basis, r.target, -by @ r.by_target)
-        out += [error for error in of_target if not r.locates_target or error[0].evaluation == "B"]
-    return out
+        yield from (error for error in of_target if not r.locates_target or error[0].evaluation == "B")

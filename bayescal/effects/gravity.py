@@ -149,6 +149,7 @@ def _bent(c: Circumstances, beam: Beam, label: str) -> list[Parameter]:
         (low, high), sign = c.robot.limits[j - 1], np.sign(c.robot.link_from_reading[j - 1, j - 1])
         place = np.clip(sign * c.q[:, j - 1], low, high)
         turn, both, shift = beam(place - low, high - place)
+        where = common.site_and_driver(j, Driver("extended moment"))
         moment, force = c.loads.moments[:, j], c.loads.weights[:, j]
         # a turn about y moves the end of what extends along z along x, one about x against y
         for name, about, along, way in (("x", 1, 0, sign), ("y", 0, 1, -sign)):
@@ -156,13 +157,9 @@ def _bent(c: Circumstances, beam: Beam, label: str) -> list[Parameter]:
             turned, moved = turn * m + both * f, way * (shift * f + both * m)
             if common.carries(turned) or common.carries(moved):
                 terms = (Term(j, f"r{'xyz'[about]}", turned), Term(j, f"t{'xyz'[along]}", moved))
-                out.append(
-                    Parameter(
-                        f"axis-bending {label}{c.robot.joint_names[j - 1]} {name}", "rad/(N m^2)", terms,
-                        SPREAD * MEAN, 0.0, MEAN, positive=True,
-                        **common.site_and_driver(j, Driver("extended moment")),
-                    )
-                )  # fmt: skip
+                words = f"axis-bending {label}{c.robot.joint_names[j - 1]} {name}"
+                p = Parameter(words, "rad/(N m^2)", terms, SPREAD * MEAN, 0.0, MEAN, positive=True, **where)
+                out.append(p)
     return out
 
 

@@ -343,8 +343,6 @@ def doubted(fitted: Estimate, scene: Scene, effects: tuple[str, ...], options: F
     file = {p.name: p for p in fitted.model.parameters}
     mean = np.array([(file[p.name].centre - p.centre) / p.sd for p in parameters])
     sd = np.array([file[p.name].sd / p.sd for p in parameters])
-    every = [
-        (parameters[s.index].name, s.ratio) for s in shifts(information, score, mean, np.diag(sd**2), MOST)
-    ]
-    far = takewhile(lambda one: abs(one[1]) >= FAR and one[0] in names, every)
-    return tuple(name for name, _ in far)
+    every = shifts(information, score, mean, np.diag(sd**2), MOST)
+    far = takewhile(lambda s: abs(s.ratio) >= FAR and parameters[s.index].name in names, every)
+    return tuple(parameters[s.index].name for s in far)

@@ -74,15 +74,13 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
             mixed["temperature"] = np.interp(time, m.time, m.temperature)
         of = "" if scene.in_images[rows].all() else " of the faces"
         choices.append((f"the same poses in random order{of}, from a cold start", rows, mixed))
-    count, rows_of, interventions = len(m.role), [], []
-    for what, source, _ in choices:
-        rows_of.append(count + np.arange(len(source)))
-        interventions.append(Intervention(what, source, rows_of[-1]))
-        count += len(source)
     every = np.concatenate([source for _, source, _ in choices])
+    further = len(m.role) + np.arange(len(every))
+    each = np.split(further, np.cumsum([len(source) for _, source, _ in choices])[:-1])
+    interventions = [Intervention(*of[:2], rows) for of, rows in zip(choices, each, strict=True)]
     columns = {name for _, _, changed in choices for name in changed} | {"payload"}
     changed = {name: np.concatenate([_values(m, name, *c[1:]) for c in choices]) for name in columns}
-    ids = [f"possible {k}" for k in np.concatenate(rows_of)]
+    ids = [f"possible {k}" for k in further]
     return replace(scene.dataset, measurements=appended(m, every, changed, ids)), interventions
 
 

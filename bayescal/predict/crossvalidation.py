@@ -244,7 +244,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
     if how == VALIDATED:
         parts = [_predicted(r, factor) for r in fitted]
     else:
-        parts = left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate, TOGETHER[how])
+        parts = list(left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate, TOGETHER[how]))
     fold = None
     if how in TOGETHER:  # as they were left out; what was not fitted is predicted by the fit to all
         of_fitted = _rows([p.block for p in parts])
@@ -319,7 +319,7 @@ def _part(
     return _Part(block, residual, noise, by, np.swapaxes(covariance, 0, 1).reshape(len(noise), k))
 
 
-def left_out(estimate: Estimate) -> list[_Part]:
+def left_out(estimate: Estimate) -> Iterator[_Part]:
     """Leave-one-out residuals of all fitted contacts: (1 - H)^-1 r, with H the leverage of a contact.
 
     Exact for a linear model. A rejected contact was not fitted; its residual is unchanged. `noise` includes
@@ -329,7 +329,7 @@ def left_out(estimate: Estimate) -> list[_Part]:
     model = estimate.model
     whole = estimate.weights.full.apart
     linear = linearise(model, estimate.z, whole)
-    factor, out = root(estimate.covariance), []
+    factor = root(estimate.covariance)
     for b in length_blocks(model):
         mine, k, c = linear.of_block[b.target], b.kind.rows, len(b.rows)
         noise = 1.0 / whole.whitening(b)
@@ -342,11 +342,10 @@ def left_out(estimate: Estimate) -> list[_Part]:
         each = noise.reshape(k, c)
         covariance = spread * np.einsum("ic,jc->cij", each, each)
         sd = np.sqrt(np.einsum("cii->ic", covariance)).ravel()
-        out.append(_part(b, r.ravel() * noise, sd, np.zeros((k * c, 0)), covariance))
-    return out
+        yield _part(b, r.ravel() * noise, sd, np.zeros((k * c, 0)), covariance)
 
 
-def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> list[_Part]:
+def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> Iterator[_Part]:
     """Residuals of all fitted contacts by fits without their block of poses and time, or their region.
 
     Rejected contacts are predicted too. Residuals of one block are dependent through `by_parameters`; those
@@ -366,12 +365,10 @@ def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> list[_Part]:
     for mine, moved, slopes in without_fold(residual.copy(), by, weight, fold):
         residual[mine], spread[mine] = moved, slopes
     ends = np.cumsum([b.residuals for b in lengths])
-    out = []
     for b, of_block in zip(lengths, np.split(np.arange(len(rows)), ends[:-1]), strict=True):
         noise, apart = 1.0 / whole.whitening(b), whole.decorrelation(b)
         r, by = (x[of_block] if apart is None else apart.coloured(x[of_block]) for x in (residual, spread))
-        out.append(_part(b, r * noise, noise, by * noise[:, None]))
-    return out
+        yield _part(b, r * noise, noise, by * noise[:, None])
 
 
 TAILS = (0.025, 0.975)

@@ -23,11 +23,8 @@ from factors.kind import Kind, rotation_vector
 
 def starts(kind: Kind, p: np.ndarray) -> np.ndarray:
     """Initial states (K, size) of the search, the stated one first; p (3, C) are the ball centres, m."""
-    out = [np.zeros(len(kind.sd))]
-    for of, states in STARTS.items():
-        if isinstance(kind, of):
-            out += states(kind, p)
-    return np.where(kind.sd > 0, np.stack(out), 0.0)
+    further = [x for of, states in STARTS.items() if isinstance(kind, of) for x in states(kind, p)]
+    return np.where(kind.sd > 0, np.stack([np.zeros(len(kind.sd)), *further]), 0.0)
 
 
 def centres(p: np.ndarray, length: np.ndarray) -> list[np.ndarray]:

@@ -363,11 +363,9 @@ def _without_footnotes(
         return members, ()
     null = search.hypotheses[frozenset()].state
     state = search.hypothesis(members).state
-    size, turns = [], []
-    for m in members:
-        moved = state.predicted(m.variant.columns)
-        size.append(float(np.mean(visible(null, moved) ** 2)))
-        turns.append(float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)))
+    each = [state.predicted(m.variant.columns) for m in members]
+    size = [float(np.mean(visible(null, moved) ** 2)) for moved in each]
+    turns = [float(np.sum(unabsorbed(null, moved)[search.problem.lengths :] ** 2)) for moved in each]
     total, turned = max(sum(size), 1e-300), max(sum(turns), 1e-300)
     share = [max(s / total, t / turned) for s, t in zip(size, turns, strict=True)]
     small = {
