@@ -180,12 +180,12 @@ class Lens:
         if self.model == FISHEYE:
             factor, by_radius = self._fisheye(x, y)
             a, b, cross = factor + x * x * by_radius, factor + y * y * by_radius, x * y * by_radius
-            return np.stack([np.stack([a, cross], -2), np.stack([cross, b], -2)], -3)
-        factor, square = self._brown(x, y)
-        k1, k2, p1, p2, k3 = self.coefficients
-        by_square = k1 + square * (2 * k2 + 3 * square * k3)
-        a, b = factor + 2 * x * (x * by_square + 2 * p2), factor + 2 * y * (y * by_square + 2 * p1)
-        cross = 2 * (x * y * by_square + p1 * x + p2 * y)
+        else:
+            factor, square = self._brown(x, y)
+            k1, k2, p1, p2, k3 = self.coefficients
+            by_square = k1 + square * (2 * k2 + 3 * square * k3)
+            a, b = factor + 2 * x * (x * by_square + 2 * p2), factor + 2 * y * (y * by_square + 2 * p1)
+            cross = 2 * (x * y * by_square + p1 * x + p2 * y)
         return np.stack([np.stack([a, cross], -2), np.stack([cross, b], -2)], -3)
 
     def by_coefficients(self, xy: np.ndarray) -> np.ndarray:

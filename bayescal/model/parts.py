@@ -98,19 +98,14 @@ def continued(scene: Scene, dataset: Dataset, stance: Callable[[Scene], Stance])
 
 def blur_of(dataset: Dataset) -> np.ndarray:
     """Factor on the noise of each row of a session, (N,): of a corner in a blurred image, else 1."""
-    target = dataset.measurements.target
-    out = np.ones(len(target))
+    m, out = dataset.measurements, np.ones(len(dataset.measurements.target))
+    if m.pixel is None:
+        return out
     for t, item in enumerate(dataset.targets):
-        rows = np.flatnonzero((target == t) & ~np.isnan(_pixel(dataset)))
+        rows = np.flatnonzero((m.target == t) & ~np.isnan(m.pixel[:, 0]))
         if KINDS[item.kind].posed and len(rows):
             out[rows] = blur(dataset, t, rows)
     return out
-
-
-def _pixel(dataset: Dataset) -> np.ndarray:
-    """Columns of corners (N,), nan in rows without."""
-    m = dataset.measurements
-    return np.full(len(m.target), np.nan) if m.pixel is None else m.pixel[:, 0]
 
 
 def as_seen(dataset: Dataset) -> Dataset:
