@@ -260,8 +260,9 @@ def _constraint(
         of, names = certified
         function, u = certified_points(of, [kinds[name] for name in names]), np.ones(len(of.whiten))
     else:
-        names, stated = entry.targets, model.scene.stated(entry)
-        if not stated or any(name not in kinds for name in names):
+        names = entry.targets
+        stated = model.scene.stated(entry) if kinds.keys() >= set(names) else ()
+        if not stated:
             return None
         function, u = _function(model.scene, entry, [kinds[name] for name in names]), u_of(entry, stated)
     index, drivers = model.driven(CERTIFICATE, (str(number),), len(u))
