@@ -55,7 +55,6 @@ def two_tools(name="franka-panda"):
 
 ARMS = {
     "two tools": lambda: fake(two_tools(), ("geometry",), scale=3.0),
-    "mdh": lambda: fake(session_of("franka-panda"), ("geometry",), scale=3.0),
     "mdh, coupled": lambda: fake(session_of("fanuc-lrmate200ic"), ("geometry",), scale=3.0),
     "dh": lambda: fake(with_robot(session_of("universal-robots-ur5e"), standard()), ("geometry",), scale=3.0),
 }
@@ -126,11 +125,10 @@ def test_gravity_torques_of_an_sdf(name):
         np.testing.assert_allclose(list(found.values()), wanted, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("to", ["urdf", "sdf"])
-def test_inertias_are_those_of_equal_balls(name, to):
+def test_inertias_are_those_of_equal_balls(to):
     """Alike about all axes, of one radius of gyration: in a URDF, that of the ball that it states."""
-    text = export(ARMS[name](), to, force=True).written.content
+    text = export(ARMS["two tools"](), to, force=True).written.content
     size = []
     for link in ET.fromstring(text).iter("inertial"):
         own = {**link.find("inertia").attrib, **{e.tag: e.text for e in link.find("inertia")}}

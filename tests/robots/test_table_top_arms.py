@@ -10,6 +10,7 @@ from bayescal.planning.candidates import candidates
 from bayescal.planning.setup import read_setup
 from bayescal.preparing.artefacts import Room
 from bayescal.preparing.folder import start
+from bayescal.probing.artefacts import Sizes
 from bayescal.robots import full_name, load_robot
 
 mujoco = pytest.importorskip("mujoco")
@@ -45,7 +46,7 @@ def test_the_proposed_places_can_be_planned(tmp_path):
 
 
 def test_a_larger_arm_has_a_larger_cube():
-    assert Room.of(load_robot("mecademic-meca500")[0]).cube.edge == 0.2286
+    assert Sizes.of(load_robot("mecademic-meca500")[0]).edge == 0.2286
 
 
 def test_flange_gravity_and_inertia(pair):
