@@ -10,7 +10,7 @@ from bayescal.planning.candidates import candidates
 from bayescal.planning.setup import read_setup
 from bayescal.preparing.artefacts import Room
 from bayescal.preparing.folder import start
-from bayescal.probing.artefacts import Sizes
+from bayescal.probing.scene import Sizes
 from bayescal.robots import full_name, load_robot
 
 mujoco = pytest.importorskip("mujoco")
