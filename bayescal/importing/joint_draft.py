@@ -52,11 +52,6 @@ class Arm:
     settings: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joint_names)
-
 
 def arm_of(reference: str, allow_xacro: bool) -> Arm:
     """The arm that a reference names: a built-in one, robot.yaml, URDF, xacro, or MJCF.
@@ -330,8 +325,8 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
         example = "time=t s, j*=q* rad, j*_velocity=dq* radps, j*_command=qd* rad, j*_torque=tau* Nm"
         raise BayescalError(what, path.name, f'write --map "{example}"')
     names = [name.strip() for name in request.joints.split(",")] if request.joints else arm.joint_names
-    if len(names) != arm.n:
-        raise BayescalError(f"{len(names)} joints, the robot has {arm.n}", "--joints", "name them all")
+    if len(names) != (n := len(arm.joint_names)):
+        raise BayescalError(f"{len(names)} joints, the robot has {n}", "--joints", "name them all")
     return [read_table(file, request.map, format_, request.decimal, names, servos) for file in files]
 
 
