@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.logs import Log
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.beside import beside, simplified
 from bayescal.motion.controller import with_torques
 from bayescal.motion.effects import EFFECTS, Form
@@ -26,6 +26,7 @@ from bayescal.motion.search import Member, Search, Verdict, confirmed, decide
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import root_mean_square as rms
 from bayescal.motion.signals import where_moving
+from bayescal.motion.terms import DELAY
 from bayescal.storage.stopping import Progress, silent
 
 
@@ -179,7 +180,13 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     for k in range(NOISE.repeats):
         progress("search", 0.4 + 0.2 * k)
         search = pool.search(normal(motions, noise))
-        noise = noise_about(motions, search.fit(search.run()[0].members))
+        members = search.run()[0].members
+        fit = search.fit(members)
+        if any(m.form.effect == DELAY for m in members) and log.torque_kind != SERVO:
+            estimate = estimate.relinearised(fit)
+            pool = Pool.of(estimate)
+            motions = pool.table.of_role(CALIBRATE)
+        noise = noise_about(motions, fit)
     seen, held = normal(motions, noise), normal(pool.table.of_role(VALIDATE), noise)
     # all motions tell which effects there are; how large they are, those of role `calibrate` alone
     whole = pool.search(joined(seen, held))

@@ -72,7 +72,7 @@ class Operating:
         return Operating(
             self.bodies + bodies, self.armature + each("armature"), self.coulomb + each("coulomb"),
             self.viscous + each("viscous"), self.offset + each("offset"), self.transition * slower,
-            self.shift + values.get("alignment", 0.0), self.gain + each("constant"),
+            self.shift + values.get("alignment", 0.0) + delayed(values, n), self.gain + each("constant"),
         )  # fmt: skip
 
     def mechanism(self, m: Mechanism, servo: bool) -> Mechanism:
@@ -155,6 +155,19 @@ def _shifted(s: Signals, x: np.ndarray, times: np.ndarray) -> np.ndarray:
 def by_joint(values: Mapping[str, float], n: int, name: str) -> np.ndarray:
     """Values (n,) of the terms of a name, one of each joint; 0 where there is none."""
     return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(n)])
+
+
+DELAY = "delay"
+"""Name of the effect that changes the time of torques."""
+
+
+def delayed(values: Mapping[str, float], n: int) -> np.ndarray:
+    """Times (n,), s, by which torques of joints are later, of the terms of the effect."""
+    every = sum(v for name, v in values.items() if name.startswith(f"{DELAY} log "))
+    of_joint = [
+        sum(v for name, v in values.items() if name.startswith(f"{DELAY} joint {j + 1} ")) for j in range(n)
+    ]
+    return every + np.array(of_joint, float)
 
 
 def later(s: Signals, model: Operating) -> np.ndarray:
@@ -287,6 +300,8 @@ def from_nominal(
                 out[:, j] += moved[term.name] * value
                 if term.moves:
                     moving[:, j] += moved[term.name] * value
+    if np.any(late := delayed(moved, s.log.n)):
+        out[:, : s.log.n] += late * later(s, model)
     for j in range(s.log.n) if TRACKING in s.log.kinds else ():
         out[:, channel(s.log, TRACKING, j)] += displaced(s, s.step, s.weight[:, j] * moving[:, j], j)
     return out
