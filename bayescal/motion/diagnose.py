@@ -264,6 +264,10 @@ def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
         names = search.terms[m.form]
         units = {search.normal.terms[search.normal.index[name]].unit for name in names}
         parts = {_part(m.form, n): (fit.values[n], fit.u[n]) for n in names}
+        if EFFECTS[m.form.effect].by_load:
+            sites = {part: part if m.form.of_each else m.form.site for part in parts}
+            by_load = {part: _of_load(pool, fit, int(site.split()[1]) - 1) for part, site in sites.items()}
+            parts = {part: (v, float(np.hypot(u, v * by_load[part]))) for part, (v, u) in parts.items()}
         value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
         without = search.fit([o for o in v.named.members if o is not m])
         before = _withheld(pool, without)
@@ -283,6 +287,21 @@ def _part(form: Form, term: str) -> str:
     """The part of a form that a term is: an axis, a wave, or the joint of a form in all joints."""
     stem = form.term("", 0.0).name
     return term.removeprefix(stem).strip() if term.startswith(stem) else " ".join(term.split()[1:3])
+
+
+def _of_load(pool: Pool, fit: Fit, j: int) -> float:
+    """Relative standard uncertainty of the torque that a gear carries, by the bodies of a fit."""
+    table, model = pool.table.of_role(CALIBRATE), pool.estimate.model
+    bodies = [k for k, term in enumerate(table.terms) if " of link " in term.name]
+    along, size = np.zeros(len(table.terms)), 0.0
+    for part in table.parts:
+        s, (numbers, x) = part.signals, part.of(j)
+        load = s.kept(s.weight[:, j] * model.load(s)[:, j])
+        along[numbers] += load @ x
+        size += float(load @ load)
+    chosen = [fit.names.index(table.terms[k].name) for k in bodies]
+    by = along[bodies] / max(size, 1e-300) * fit.sd[chosen]
+    return float(np.sqrt(by @ fit.covariance[np.ix_(chosen, chosen)] @ by))
 
 
 def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:

@@ -95,6 +95,7 @@ class Effect:
     positive: bool = False
     of_servo: str = ""  # why it is not assessed by the errors of servos alone
     at_speed: bool = False  # whether the torque of one unit is `at_speed`
+    by_load: bool = False  # whether its size depends on the torque that the model has in a gear
 
     def lacks(self, log: Log) -> str:
         """Why it is not assessed in a log; "" where it is."""
@@ -316,7 +317,7 @@ def _servo_stiffness(s: Signals, model: Operating, scale: Scale) -> Iterator[For
     yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
 
 
-@effect("elasticity", "elastic gear", SIMULATE, needs=_without(LINK, UNSEEN), positive=True)
+@effect("elasticity", "elastic gear", SIMULATE, needs=_without(LINK, UNSEEN), positive=True, by_load=True)
 def _elasticity(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     of = ("torque", "", "rad/(N m)", FORMS.deflection / scale.torque, -model.load(s))
     return _of_joints("elasticity", of, first=channel(s.log, LINK, 0))

@@ -72,7 +72,8 @@ class Operating:
         return Operating(
             self.bodies + bodies, self.armature + each("armature"), self.coulomb + each("coulomb"),
             self.viscous + each("viscous"), self.offset + each("offset"), self.transition * slower,
-            self.shift + values.get("alignment", 0.0) + delayed(values, n), self.gain + each("constant"),
+            self.shift + values.get("alignment", 0.0) + delayed(values, len(self.shift)),
+            self.gain + each("constant"),
         )  # fmt: skip
 
     def mechanism(self, m: Mechanism, servo: bool) -> Mechanism:

@@ -130,14 +130,14 @@ def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
     joints = [form.format(j) for form in ("q{}_deg", "torque{}_Nm") for j in (1, 2, 3)]
     head = ["t_s", "motion", *joints, "payload_kg"]
     rows = []
-    truth = _truth(rng)
+    true = truth(rng)
     clock = 0.0
     for k, load in enumerate(loads):
         of = 100 * seed + (0 if k < 2 else k)
         t, q, dq, ddq = path(of)
-        tau = truth(q, dq, ddq, load)
+        tau = true(q, dq, ddq, load)
         for j in np.flatnonzero(np.broadcast_to(late, 3)):
-            tau[:, j] = truth(*path(of, np.broadcast_to(late, 3)[j])[1:], load)[:, j]
+            tau[:, j] = true(*path(of, np.broadcast_to(late, 3)[j])[1:], load)[:, j]
         if extra is not None:
             tau = tau + extra(q, dq, ddq, tau, t + clock, load)
         noise = lfilter([1.0], [1.0, -0.6], rng.standard_normal((len(t), 3)) * 0.8, axis=0) * SIGMA
@@ -151,7 +151,7 @@ def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
     return folder
 
 
-def _truth(rng):
+def truth(rng):
     """Torques of an arm whose masses and friction differ from nominal within the priors."""
     nominal = written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
     share = 1.0 + 0.08 * rng.standard_normal(3)

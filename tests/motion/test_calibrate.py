@@ -194,7 +194,7 @@ def test_bodies_are_found_where_centres_of_mass_are_far_from_stated_ones(tmp_pat
     fit = calibrate(read_log(tmp_path), 1000, 1)
     assert fit.r_hat < 1.1
     values = {p.name: (p.estimate, p.u) for p in fit.parameters}
-    share = 1.0 + 0.08 * np.random.default_rng(1000).standard_normal(3)[2]  # as `made._truth`
+    share = 1.0 + 0.08 * np.random.default_rng(1000).standard_normal(3)[2]  # as `made.truth`
     known = [true[0] * share, *(1e-3 * c for c in true[1]), *(share * np.array(true[2]))]
     for part, value in zip(BODY, known, strict=True):
         estimate, u = values[f"{part} of link 3"]

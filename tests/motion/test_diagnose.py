@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from cases import terminal_text
 from influences import check_written
-from motion.made import RATE, SECONDS, read_commands, write
+from motion.made import RATE, SECONDS, path, read_commands, truth, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -101,6 +101,27 @@ def test_a_delay_of_one_joint_is_at_that_joint(tmp_path, stated):
     else:
         assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=2e-4))
     assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
+
+
+def test_the_size_of_an_elasticity_is_as_uncertain_as_the_torque_of_the_gear(tmp_path):
+    """Second encoders tell the deflection to 1e-4; masses that are 8 % off leave the torque less sure."""
+    folder = write(tmp_path / "links")
+    torque, nominal = truth(np.random.default_rng(1000)), read_log(folder).mechanism
+    table = pd.read_csv(folder / "motion.csv.gz")
+    noise = np.random.default_rng(3).normal(0.0, 1e-4, (len(table), 3))
+    for k, rows in table.groupby("motion").groups.items():
+        _, q, dq, ddq = path(0 if k < 3 else k - 1)
+        of_motor = nominal.armature * ddq + nominal.coulomb * np.tanh(dq / 0.03) + nominal.viscous * dq
+        carried = torque(q, dq, ddq, table["payload_kg"][rows[0]]) - of_motor
+        links = np.rad2deg(q - [0.0, 1e-5, 0.0] * carried) + noise[rows]
+        table.loc[rows, [f"link{j}_deg" for j in (1, 2, 3)]] = links
+    table.to_csv(folder / "motion.csv.gz", index=False)
+    gap = bc.diagnose(folder, without=[])
+    assert gap.effects == ("elasticity",)
+    a = gap.amplitudes.iloc[0]
+    assert a.site == "joint 2"
+    assert a.value == pytest.approx(1e-5, abs=2.5 * a.u)
+    assert 0.002 < a.u / a.value < 0.04
 
 
 def brake(q, dq, ddq, tau, t, load):
