@@ -194,6 +194,7 @@ GAP = {
     "without": [],
     "named": [],
     "probability": {"bending": 0.5, "coupling": 0.4},
+    "noise_scale": {"contact": 1.0},
     "undecided": [PAIR],
 }
 
