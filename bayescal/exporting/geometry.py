@@ -229,11 +229,11 @@ def _elsewhere(parameters: Sequence[Parameter], lost: np.ndarray) -> bool:
 
 def _at_contact(arm: FittedArm, lost: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     """RMS and maximum of what lost parameters change at the contacts, m; nan if they change no contact."""
-    index, drivers = arm.model.driven(CONTACT, "normal", len(arm.model.scene.q))
+    index, drivers = arm.model.driven(CONTACT, ("normal",), len(arm.model.scene.q))
     changed = lost[index]
     if not np.any(changed):
         return float("nan"), float("nan")
-    off = arm.values[index[changed]] @ drivers[changed][:, rows]
+    off = arm.values[index[changed]] @ drivers[changed, 0][:, rows]
     return _lengths(off[None])
 
 
