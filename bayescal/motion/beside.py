@@ -178,7 +178,8 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     there = [part.weight[:, :n] > NOISE.there for part in parts]
     nats = surprise(np.concatenate([np.column_stack(e)[rows] for e, rows in zip(white, there, strict=True)]))
     tried = np.log(len(EVENTS.constants) * sum(map(len, every)))
-    pulses = [_pulse(parts[0].signals, constant) for constant in EVENTS.constants]
+    first = parts[0].signals
+    pulses = [_pulse(first, c) for c in EVENTS.constants if c > EVENTS.samples * first.step]
     for j in range(n):
         candidates = []
         for pulse in pulses:
@@ -202,7 +203,10 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
                 chosen.append(c)
         # a single row that is off is a wrong reading
         if chosen and (len(chosen) > 1 or len(chosen[0].pulse) > len(pulses[0])):
-            form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
+            s = parts[chosen[0].motion].signals
+            since = s.kept(s.time)[chosen[0].row] - s.time[0]
+            when = f"{len(chosen)} of them, the strongest {since:.1f} s after the start of motion {s.name}"
+            form = Form(UNKNOWN, joint(j), "time, single events", when)
             columns = [np.zeros((len(part.residual), len(chosen))) for part in parts]
             for k, event in enumerate(chosen):
                 end = event.row + len(event.pulse)

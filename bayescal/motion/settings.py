@@ -257,6 +257,8 @@ class EventSettings:
 
     constants: tuple[float, ...] = (0.1, 0.3, 1.0)
     """s, in which a torque comes back after an event (assumed)."""
+    samples: float = 4.0
+    """Rows of the log in a time constant, at least: a shorter pulse is like a wrong reading (assumed)."""
     length: float = 3.0
     """Length of a pulse, over its time constant (assumed)."""
     tails: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0, 40.0, 1000.0)
