@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -47,12 +47,14 @@ class Amplitude:
     """The amplitude of a named effect at one site, SI."""
 
     form: Form
-    value: float  # of several components the length of the vector
+    value: float  # of several components the length of the vector, or the most significant one: `part`
     u: float
     unit: str
     components: Mapping[str, tuple[float, float]]  # by name, with u; () of a single one
     relevant: bool  # whether the withheld error shrinks by `OUTCOME.relevant`
     removed: float  # share by which the withheld RMS of the joint with most shrinks
+    units: Mapping[str, str] = field(default_factory=dict)  # of components of several units
+    part: str = ""  # the component that the value is of, where they have several units
 
 
 @dataclass(frozen=True)
@@ -262,18 +264,21 @@ def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
     after = _withheld(pool, fit)
     for m in v.named.members:
         names = search.terms[m.form]
-        units = {search.normal.terms[search.normal.index[name]].unit for name in names}
+        units = {_part(m.form, n): search.normal.terms[search.normal.index[n]].unit for n in names}
         parts = {_part(m.form, n): (fit.values[n], fit.u[n]) for n in names}
-        if EFFECTS[m.form.effect].by_load:
-            sites = {part: part if m.form.of_each else m.form.site for part in parts}
-            by_load = {part: _of_load(pool, fit, int(site.split()[1]) - 1) for part, site in sites.items()}
-            parts = {part: (v, float(np.hypot(u, v * by_load[part]))) for part, (v, u) in parts.items()}
-        value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
-        without = search.fit([o for o in v.named.members if o is not m])
-        before = _withheld(pool, without)
+        for p, (size, sd) in parts.items() if EFFECTS[m.form.effect].by_load else ():
+            j = int((p if m.form.of_each else m.form.site).split()[1]) - 1
+            parts[p] = size, float(np.hypot(sd, size * _of_load(pool, fit, j)))
+        unit = next(iter(units.values()))
+        if several := len(set(units.values())) > 1:
+            part = max(parts, key=lambda p: abs(parts[p][0]) / parts[p][1])
+            (value, u), unit = parts[part], units[part]
+        else:
+            value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
+        before = _withheld(pool, search.fit([o for o in v.named.members if o is not m]))
         removed = float(np.max(1.0 - after / np.where(before > 0.0, before, np.inf)))
-        unit = units.pop() if len(units) == 1 else ""
-        out.append(Amplitude(m.form, value, u, unit, parts, removed >= OUTCOME.relevant, removed))
+        further = (units, part) if several else ()
+        out.append(Amplitude(m.form, value, u, unit, parts, removed >= OUTCOME.relevant, removed, *further))
     return tuple(out)
 
 
@@ -291,12 +296,12 @@ def _part(form: Form, term: str) -> str:
 
 def _of_load(pool: Pool, fit: Fit, j: int) -> float:
     """Relative standard uncertainty of the torque that a gear carries, by the bodies of a fit."""
-    table, model = pool.table.of_role(CALIBRATE), pool.estimate.model
+    table = pool.table.of_role(CALIBRATE)
     bodies = [k for k, term in enumerate(table.terms) if " of link " in term.name]
     along, size = np.zeros(len(table.terms)), 0.0
     for part in table.parts:
         s, (numbers, x) = part.signals, part.of(j)
-        load = s.kept(s.weight[:, j] * model.load(s)[:, j])
+        load = s.kept(s.weight[:, j] * pool.estimate.model.load(s)[:, j])
         along[numbers] += load @ x
         size += float(load @ load)
     chosen = [fit.names.index(table.terms[k].name) for k in bodies]

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from cases import terminal_text
 from influences import check_written
-from motion.made import RATE, SECONDS, path, read_commands, truth, write
+from motion.made import ARM, RATE, SECONDS, inverse, model_of, path, read_commands, truth, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
+from bayescal.logs.read import written_out
+from bayescal.logs.schema import Arm
 from bayescal.motion.diagnose import diagnose
 from bayescal.reporting.motion import beyond_stated, motion_summary
 from bayescal.reporting.motion import record as of_log
@@ -122,6 +125,24 @@ def test_the_size_of_an_elasticity_is_as_uncertain_as_the_torque_of_the_gear(tmp
     assert a.site == "joint 2"
     assert a.value == pytest.approx(1e-5, abs=2.5 * a.u)
     assert 0.002 < a.u / a.value < 0.04
+
+
+def heavier(q, dq, ddq, tau, t, load):
+    """Torques by a centre of mass of the last link that is 250 mm farther out, of MuJoCo."""
+    nominal = written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
+    wrong = replace(nominal, centre=nominal.centre + np.outer([0.0, 0.0, 1.0], [0.25, 0.0, 0.0]))
+    return inverse(model_of(wrong), q, dq, ddq) - inverse(model_of(nominal), q, dq, ddq)
+
+
+def test_an_error_of_a_body_is_said_by_its_most_significant_parameter(tmp_path):
+    """Mass, centre and inertia have several units: their vector has no length."""
+    gap = bc.diagnose(write(tmp_path / "heavier", heavier), without=[])
+    assert "inertia" in gap.effects
+    a = next(a for a in gap.record["amplitudes"] if a["effect"] == "inertia")
+    assert (a["site"], a["unit"]) == ("joint 3", "m")
+    assert a["value"] == a["components"]["centre x"]["value"] == pytest.approx(0.25, abs=0.1)
+    assert a["text"].startswith("centre x ")
+    assert {part["unit"] for part in a["components"].values()} == {"kg", "m", "kg m2"}
 
 
 def brake(q, dq, ddq, tau, t, load):

@@ -62,7 +62,7 @@ def size_of(a: Amplitude) -> str:
     """An amplitude with its standard uncertainty and unit; where each joint has its own, all of them."""
     if a.form.of_each:
         return ", ".join(f"{name} {size_text(value, u, a.unit)}" for name, (value, u) in a.components.items())
-    return size_text(a.value, a.u, a.unit)
+    return f"{a.part} {size_text(a.value, a.u, a.unit)}".strip()
 
 
 def motion_record(gap: MotionGap) -> dict[str, Any]:
@@ -172,7 +172,10 @@ def _amplitude(a: Amplitude) -> dict[str, Any]:
         **vars(a.form),
         **entry(a, "value", "u", "unit"),
         "text": size_of(a),
-        "components": {name: {"value": value, "u": u} for name, (value, u) in a.components.items()},
+        "components": {
+            name: {"value": value, "u": u} | ({"unit": a.units[name]} if a.units else {})
+            for name, (value, u) in a.components.items()
+        },
         **entry(a, "relevant", "removed_share=removed"),
     }
 
