@@ -89,8 +89,8 @@ def test_masses_take_degrees_of_freedom_from_the_residuals(found, monkeypatch):
         left.append(np.sum(seen.without(np.zeros((60, 0)), h, e)[1] ** 2))
     assert 1.5 < seen.dof < 4.0
     assert np.mean(left) == pytest.approx(60 - seen.dof, abs=1.0)
-    module, told = import_module("bayescal.estimate.discrepancy"), []
-    monkeypatch.setattr(module, "variances", lambda *given: told.append(given[4]) or variances(*given))
+    told = []
+    monkeypatch.setattr(size_module, "variances", lambda *given: told.append(given[4]) or variances(*given))
     again = stated(found.plain)
     rows = sum(len(b.rows) * b.kind.rows for b in found.plain.model.blocks)
     j = found.plain.linear.jacobian[:rows]
