@@ -222,8 +222,8 @@ def title(plan: Plan) -> str:
 
 def if_right(plan: Plan) -> str:
     """On what the expected figures depend."""
-    noise = "the noise of the diagnosis" if plan.pool.setup.noise_scale else "stated noise"
-    return f"assuming that model and {noise} are correct"
+    after = "the model and the noise of the diagnosis"
+    return f"assuming that {after if plan.pool.setup.noise_scale else 'model and stated noise'} are correct"
 
 
 def headline(plan: Plan) -> Iterator[str]:

@@ -269,6 +269,7 @@ def test_a_run_folder_is_read_back(gaps, tmp_path):
     assert "ms" in str(gap)
     page = (tmp_path / "run" / "gap.html").read_text(encoding="utf-8")
     assert "delay of the torque" in page
+    assert "<code>alignment_ms</code>" in page
     for step in ("export", "verify"):
         assert f"bayescal {step} " in page
     assert "Run the motions of next-motions.csv" in page
