@@ -285,7 +285,8 @@ def start(
         placed=described,
     )
     columns, chosen = columns_of(draft), [ARTEFACTS[each] for each in artefacts]
-    context = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE}
+    practice = "" if arm.masses is not None else " --effects geometry"  # without masses nothing bends
+    context = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE, "practice": practice}
     files = {
         SETTINGS: settings_text(draft),
         TABLE: ",".join(chain(*columns.values())) + "\n",

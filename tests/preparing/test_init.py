@@ -154,6 +154,12 @@ def test_the_table_has_the_columns_of_robot_and_artefacts(every, tmp_path):
     assert all(f"`{c}`" in readme for c in header if not re.match(r"j\d", c))
 
 
+@pytest.mark.parametrize(("robot", "bends"), [("yaskawa-gp7", False), ("fanuc-lrmate200ic", True)])
+def test_an_arm_without_masses_is_practised_without_compliance(tmp_path, robot, bends):
+    starting.start(tmp_path / "new", robot, ["cube"])
+    assert ("--out practice --effects geometry`" in (tmp_path / "new" / "README.md").read_text()) != bends
+
+
 def test_editors_find_the_schema(every):
     line = (every / SETTINGS).read_text().splitlines()[0]
     assert (every / re.search(r"\$schema=(\S+)", line)[1]).is_file()
