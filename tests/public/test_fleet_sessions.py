@@ -48,8 +48,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 def command(folder: Path, *more: str) -> list[str]:
-    program = "from bayescal.cli import main; main()"
-    line = [sys.executable, "-c", program, "fleet", str(folder / "sessions"), "--out"]
+    line = [sys.executable, "-m", "bayescal.cli", "fleet", str(folder / "sessions"), "--out"]
     return [*line, str(folder / "out"), "--workers", "2", *more]
 
 
