@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -80,8 +81,11 @@ class Setup:
     def at_its_noise(self) -> Dataset:
         """The dataset with the noise to expect: that which was found, or else that which is stated."""
         stated, m = self.dataset.noise, self.dataset.measurements
-        noise = {g: k * getattr(stated, g) for g, k in self.noise_scale.items() if getattr(stated, g, None)}
-        of = [self.noise_scale.get(KINDS[t.kind].noise, 1.0) for t in self.dataset.targets]
+        kinds, scale = [KINDS[t.kind] for t in self.dataset.targets], self.noise_scale
+        usual = {kind.noise: kind.usual for kind in kinds if np.isfinite(kind.usual)}
+        sd = {group: getattr(stated, group, None) or usual.get(group) for group in scale}
+        noise: dict[str, Any] = {group: scale[group] * each for group, each in sd.items() if each}
+        of = [scale.get(kind.noise, 1.0) for kind in kinds]
         u = None if m.u is None else m.u * np.array(of)[m.target]
         return replace(self.dataset, noise=replace(stated, **noise), measurements=replace(m, u=u))
 

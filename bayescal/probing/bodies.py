@@ -87,8 +87,11 @@ def arm_capsules(
         for a, b in pairwise(_corners(robot, chain, link, MERGED * radii[link])):
             along = abs((b - a) @ chain.link[link, :3, 2]) > ALONG * np.linalg.norm(b - a)
             last = link < robot.n and np.allclose(b, _step(chain, link))
-            radius = float(radii[link + (along and last)])
-            if last and link + 1 < robot.n and lengths[link + 1] < MERGED * radius:  # it ends in the wrist
+            number = link + (along and last)
+            radius = float(radii[number])
+            stated = robot.radii is not None and np.isfinite(robot.radii[max(number - 1, 0)])
+            in_wrist = last and link + 1 < robot.n and lengths[link + 1] < MERGED * radius
+            if in_wrist and not stated:
                 over = np.sqrt(max((radius + PASSING) ** 2 - lengths[link + 1 :].sum() ** 2, 0.0))
                 b = b - min(over / np.linalg.norm(b - a), 1.0) * (b - a)
             out.append(Capsule(link, a, b, radius, name))

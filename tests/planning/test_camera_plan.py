@@ -13,6 +13,7 @@ from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.shapes import HalfSpace
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import write_dataset
+from bayescal.dataset.cameras import PIXEL
 from bayescal.dataset.types import PlanSettings
 from bayescal.errors import BayescalError
 from bayescal.planning.candidates import Possible, candidates, session_of, usual_count
@@ -49,6 +50,18 @@ def pose(rpy, xyz):
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = rpy_matrix(rpy), xyz
     return out
+
+
+@pytest.mark.parametrize(("stated", "expected"), [(0.3, 0.45), (None, 1.5 * PIXEL)])
+def test_the_noise_that_was_found_is_that_which_is_stated_or_assumed_times_its_scale(stated, expected):
+    found = replace(setup(), noise_scale={"pixel": 1.5})
+    noise = replace(found.dataset.noise, pixel=stated)
+    count = len(found.dataset.measurements.ids)
+    table = replace(found.dataset.measurements, u=np.full(count, 0.2))
+    given = replace(found.dataset, noise=noise, measurements=table)
+    there = replace(found, dataset=given).at_its_noise
+    assert there.noise == replace(noise, pixel=pytest.approx(expected))
+    assert np.allclose(there.measurements.u, 0.3)
 
 
 @pytest.mark.parametrize("mount", ["flange", "fixed"])

@@ -476,3 +476,10 @@ def test_a_tool_passes_a_forearm_whose_last_axes_meet(name):
     away = np.linalg.norm(at_right_angle - end) - forearm.radius - body.radius
     assert away == pytest.approx(PASSING - body.radius)
     assert np.linalg.norm(flange - wrist) - forearm.radius < body.radius + CLEAR
+    number = next(k for k, c in enumerate(capsules) if c is forearm)
+    pairs = Clearance.of(robot, tool).pairs
+    assert any(p.capsule == number and getattr(p.shape, "name", "") == body.name for p in pairs)
+    # where its radius is stated, it is as wide up to the wrist
+    thick = replace(robot, radii=np.full(robot.n, forearm.radius))
+    whole = [c for c in arm_capsules(thick, tool) if c.name == "link 3"][-1]
+    assert np.allclose(frames[3, :3, :3] @ whole.b + frames[3, :3, 3], wrist)
