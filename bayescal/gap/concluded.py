@@ -16,7 +16,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.events import named_events
-from bayescal.gap.outcome.notes import alike, cautions, play_or_late
+from bayescal.gap.outcome.statements import alike, cautions, play_or_late
 from bayescal.gap.outcome.where import neighbours
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member

@@ -31,7 +31,7 @@ from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins, residuals_in_time
-from bayescal.gap.outcome.notes import amplitudes, displaced, warnings
+from bayescal.gap.outcome.statements import amplitudes, displaced, warnings
 from bayescal.gap.result import Advice, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant

@@ -64,7 +64,7 @@ ALLOWED = {
     "assess/identifiability.py": "a second tool of a session has unknowns of its own",
     "gap/search/beam.py": "many effects act through the compliance: it is named before them",
     "gap/search/cells.py": "generic cells have the shapes and the transitions of known effects",
-    "gap/search/further.py": "the form of a face is that of plane-form",
+    "gap/search/cell_kinds.py": "the form of a face is that of plane-form",
     "motion/together.py": "the masses of a log act on a session through the compliance",
     "motion/effects.py": "the list of effects of joint logs, some with the same names",
     "programs/tools.py": "a program corrects tools with the geometry of the arm",

@@ -15,7 +15,7 @@ from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets
 from bayescal.gap.linear.problem import Driven, Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.search import further, makers
+from bayescal.gap.search import cell_kinds, makers
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.cells import _activity, _waits, cells, sets_of
@@ -138,7 +138,7 @@ def test_a_memory_follows_the_order_of_time(dataset):
     mixed = np.random.default_rng(0).permutation(len(c.q))
     other = replace(c, readings=c.readings[mixed], time=c.time[mixed], fitted=np.argsort(mixed)[c.fitted])
     rows = replace(c, time=None)
-    for cell, same, plain in zip(*(further.travel(k) for k in (c, other, rows)), strict=True):
+    for cell, same, plain in zip(*(cell_kinds.travel(k) for k in (c, other, rows)), strict=True):
         for a, b, d in zip(cell.sets, same.sets, plain.sets, strict=True):
             np.testing.assert_allclose(b[0].terms[0].driver, a[0].terms[0].driver[mixed])
             np.testing.assert_allclose(d[0].terms[0].driver, a[0].terms[0].driver)

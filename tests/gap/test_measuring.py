@@ -9,7 +9,7 @@ from sessions import circumstances, tracker
 
 from bayescal.arm import chain as reference
 from bayescal.effects.location import BASE, Driver
-from bayescal.gap.search.further import beams, region
+from bayescal.gap.search.cell_kinds import beams, region
 
 
 @pytest.fixture(scope="module")

@@ -26,10 +26,10 @@ from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import events
 from bayescal.gap.outcome.events import sizes
-from bayescal.gap.outcome.notes import alike
+from bayescal.gap.outcome.statements import alike
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, extended
-from bayescal.gap.search.further import remembering
+from bayescal.gap.search.cell_kinds import remembering
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import cell_fits, with_set
 from bayescal.model.options import FitOptions

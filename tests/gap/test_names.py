@@ -18,7 +18,7 @@ from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.concluded import hypotheticals
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.notes import amplitudes, displaced, increased, phase_shown, play_or_late
+from bayescal.gap.outcome.statements import amplitudes, displaced, increased, phase_shown, play_or_late
 from bayescal.gap.result import Amplitude, Named
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates

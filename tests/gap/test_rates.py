@@ -10,7 +10,7 @@ from gap_problems import BASELINE, Bench, pool_of, unsolved
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import margins as margins_module
-from bayescal.gap.outcome.notes import amplitudes
+from bayescal.gap.outcome.statements import amplitudes
 from bayescal.gap.outcome.where import Scale, f_test, places, places_named
 from bayescal.gap.result import Named
 from bayescal.gap.search.beam import Hypothesis, Member

@@ -23,7 +23,7 @@ from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
 from bayescal.estimate.families import cosines
 from bayescal.gap.search import makers
-from bayescal.gap.search.further import FURTHER, MEASURING
+from bayescal.gap.search.cell_kinds import FURTHER, MEASURING
 from bayescal.gap.search.makers import Cell, Mover, at_joint, measured, movers, moves, shifts, smooth
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms

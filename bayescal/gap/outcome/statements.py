@@ -1,4 +1,4 @@
-"""Notes and warnings of a diagnosis as text.
+"""Statements of a diagnosis as text: warnings, and what the data leave undecided.
 
 Amplitudes of the named effects, with standard uncertainty, from the parameters of the refit.
 """

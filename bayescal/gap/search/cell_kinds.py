@@ -1,4 +1,4 @@
-"""Further kinds of cells: of two quantities, with a memory of earlier contacts, and of what measures.
+"""Kinds of cells: of two quantities, with a memory of earlier contacts, and of what measures.
 
 These are cells of two coordinates, of orders between harmonics and gear mesh, of a rocking base, of joints
 with a memory of earlier contacts, and of random errors of their readings.
