@@ -155,6 +155,11 @@ def test_the_time_to_a_limit_by_a_drift(runs):
     assert 0.05 * rate < found.rate < rate  # m per day, of distances within a metre
     twice = module._limit(2e-4, last, ["theta2"], np.array([rate]), np.array([[1e-20]]), "day")
     assert twice.times[1] == pytest.approx(2 * found.times[1])
+    # the same drift as a sum of two, of which the sum alone is known
+    parts, known = np.array([3.0, -2.0]) * rate, 1e-12 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    both = module._limit(1e-4, last, ["theta2", "theta2"], parts, known + 1e-20 * np.eye(2), "day")
+    assert both.times == pytest.approx(found.times, rel=1e-3)
+    assert both.u_rate < 1e-3 * found.rate
 
 
 def test_a_drift_that_the_last_run_does_not_have_is_not_in_the_time_to_the_limit(runs, monkeypatch):

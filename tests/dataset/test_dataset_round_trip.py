@@ -371,10 +371,11 @@ def test_columns_of_both_are_continued(halves):
     np.testing.assert_array_equal(rows.time, np.concatenate([first.time, second.time]))
     assert set(rows.repeat[:60].tolist()) == {"", "r1"}
     assert set(rows.repeat[60:].tolist()) == {"", "r1.later"}
-    # a clock that begins again continues
-    restarted = replace(second, time=second.time - second.time[0])
-    rows, _ = followed(first, restarted)
-    np.testing.assert_allclose(rows.time[60:], first.time[-1] + PAUSE + restarted.time)
+    # a clock that begins again, wherever, continues
+    since = second.time - second.time[0]
+    for begin in (0.0, 7.0, -3.0):
+        rows, _ = followed(first, replace(second, time=begin + since))
+        np.testing.assert_allclose(rows.time[60:], first.time[-1] + PAUSE + since)
 
 
 def test_empty_cells_stand_for_nothing_and_other_columns_are_left_out(halves):

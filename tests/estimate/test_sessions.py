@@ -128,6 +128,9 @@ def test_sessions_of_one_arm_agree_and_of_two_do_not():
     assert "ball x" in same.names
     assert not any(p.disagree for p in same.pairs)
     assert same.pairs[0].directions > 20
+    first, second = (same.alone[name][0] for name in same.pairs[0].sessions)
+    assert np.all((second - first) * same.pairs[0].apart >= 0)
+    assert np.any(second != first)
     assert same.furthest.max() < 5
     # stated uncertainties: with the scatter of the poses, which is itself uncertain
     gained = same.together[1] / np.min([sd for _, sd in same.alone.values()], axis=0)
@@ -271,6 +274,8 @@ def test_noise_of_several_sessions_is_told_in_one_figure():
     assert left.stated == pytest.approx(np.sqrt((5e-6**2 + 8e-6**2) / 2), rel=1e-3)
     assert left.fitted == pytest.approx(left.stated, rel=0.12)
     assert left.excess == 0
+    count = sum(len(b.rows) for b in found.model.blocks)
+    assert count - found.model.size < left.dof < count
 
 
 def test_estimates_of_the_same_session_are_not_apart():

@@ -174,6 +174,26 @@ def test_what_slipped_is_where_it_is_at_the_end(mount, site):
     assert np.all(np.abs(difference[3:]) < 1e-4), difference  # of a slip of 0.3 mm; turns by their u above
     (left,) = (x for x in export(arm, "hand-eye", force=True).missing if x.effect == "step")
     assert "the file has one state" in left.why
+    # of the fixed frame at the end: that of a target which is located anew for each arm
+    (block,), steps = arm.model.states, 1e-7 * np.eye(len(arm.values))
+    weight = np.tile(np.isin(block.rows, found.rejected, invert=True) / arm.beyond.noise_of(block) ** 2, 2)
+
+    def located(values):
+        z = found.z[found.model.slices[block.target]]
+        for _ in range(3):
+            r, _, by = block.linearise(values, z)
+            weighted = by.T * weight
+            z = z - np.linalg.solve(weighted @ by + np.eye(6), weighted @ r + z)
+        return hand_eyes(replace(arm, values=values, states={block.target: block.state(z)}))[0].fixed.pose
+
+    by = np.array([off(located(arm.values - s), located(arm.values + s)) / 2e-7 for s in steps]).T
+    (known,) = hand_eyes(replace(arm, covariance=0.0 * arm.covariance))
+    expected, size = (
+        known.fixed.covariance + by @ arm.covariance @ by.T,
+        np.sqrt(np.diag(ends[-1][1].covariance)),
+    )
+    apart = (ends[-1][1].covariance - expected) / np.outer(size, size)
+    np.testing.assert_allclose(apart, 0.0, atol=5e-3)  # of a slip of 0.3 mm and mrad
 
 
 @pytest.mark.parametrize("mount", ["flange", "fixed"])

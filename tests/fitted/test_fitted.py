@@ -12,7 +12,7 @@ import pytest
 from cases import terminal_text
 from export_arms import fake, session_of
 from rails import moving_session
-from sessions import geared
+from sessions import geared, with_columns
 
 import bayescal as bc
 from bayescal.effects import EFFECTS
@@ -24,6 +24,7 @@ from bayescal.fitted import gate
 from bayescal.fitted.arm import of_estimate, of_fit, of_gap
 from bayescal.fitted.file import open_run, read_arm, write_arm
 from bayescal.fitted.gate import Use
+from bayescal.fitted.unmodelled import state_row
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
 from bayescal.model import build, standing
@@ -114,6 +115,10 @@ def test_state_of_a_time_and_of_a_row(session):
     for beyond in (-1.0, m.time[-1] + 1.0):  # neither an extrapolation nor the nearest row
         with pytest.raises(BayescalError, match="--at-time-s: is no time of the session"):
             arm.at(q, time=beyond)
+    for time in np.linspace(0.0, m.time.max(), 40):  # of rows in any order
+        mixed = with_columns(session, time=np.random.default_rng(0).permutation(m.time))
+        times, row = mixed.measurements.time, state_row(mixed, time=time)
+        assert times[row] == max(times[times <= time], default=times.min())
     np.testing.assert_allclose(arm.at(q, row=m.ids[0]).points, early, rtol=0, atol=1e-15)
     assert np.linalg.norm(early - late) > 1e-6
     with pytest.raises(BayescalError, match="there is no row `x`"):

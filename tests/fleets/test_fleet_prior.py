@@ -174,6 +174,16 @@ def test_p_is_two_sided_and_of_all_comparisons(rng):
         assert d.p_all == pytest.approx(min(1.0, found.comparisons * d.p), rel=1e-6)
 
 
+def test_the_learnt_prior_is_of_deviations_from_nominal(rng):
+    """With another stated mean, what was learnt moves by as much, and nothing else."""
+    members = [member(rng, f"arm {k}", rng.standard_normal(K)) for k in range(4)]
+    off = 1e-3 * np.arange(1.0, K + 1)
+    moved = tuple(replace(p, nominal=0.2, mean=0.2 + x) for p, x in zip(PARAMETERS, off, strict=True))
+    others = [replace(m, likelihood=replace(m.likelihood, parameters=moved)) for m in members]
+    for p, q, x in zip(*(priors(models_of(some)[0]) for some in (members, others)), off, strict=True):
+        assert (q.mean, q.u_mean, q.usual, q.sd) == pytest.approx((p.mean + x, p.u_mean, p.usual, p.sd))
+
+
 def test_two_arms_or_other_nominal_values_are_no_fleet(rng):
     one, other = member(rng, "a", np.zeros(K)), member(rng, "b", np.zeros(K))
     (model,) = models_of([one, other])

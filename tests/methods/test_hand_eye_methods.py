@@ -32,3 +32,8 @@ def test_they_are_compared():
     assert error["bayescal"] == pytest.approx(fitted.rms, rel=1e-3)
     solved = [error[f"hand-eye {s.capitalize()}"] for s in SOLVERS]
     assert error["bayescal"] < 0.5 * min(solved)
+    for row in (row for row in rows if row.result and row.method.name.startswith("hand-eye")):
+        named = [p.name for p in row.result.solution.model.parameters]
+        moved = {name for name, value in zip(named, row.result.solution.values, strict=True) if value}
+        assert moved == {f"on-flange {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")}
+        assert set(row.result.solution.held) == set(named) - moved

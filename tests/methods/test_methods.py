@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from bayescal.methods.published import OURS, PLANES, in_joints, is_plane, joint_
 from bayescal.methods.solving import System, contacts, estimable, part
 from bayescal.model import build
 from bayescal.model.scene import Scene
+from bayescal.predict.validation import Errors
 from bayescal.reporting.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison
 from bayescal.simulation import Options
 
@@ -220,6 +222,21 @@ def test_report_says_all(tmp_path):
     text = terminal_text(comparison_summary(comparison), 140)
     assert all(m.name in text for m in METHODS)
     assert "no calibration row is measured by an instrument" in text
+
+
+def test_each_column_is_the_figure_of_its_heading():
+    """Of errors with other figures for each kind of measurement."""
+    rng = np.random.default_rng(0)
+    values = {
+        kind: np.abs(rng.standard_normal(9)) for kind in ("contacts", "distance_errors", "point_lengths")
+    }
+    checked = SimpleNamespace(**{kind: Errors(v, np.zeros((2, 9))) for kind, v in values.items()})
+    of = dict(zip(("planes", "distances", "points"), values.values(), strict=True))
+    figures = {"rms": lambda v: np.sqrt(np.mean(v**2)), "mean": np.mean, "max": np.max}
+    for key, (_, value) in COLUMNS.items():
+        if not key.startswith("predicted"):
+            kind, figure, _ = key.split("_")
+            assert value(SimpleNamespace(validation=checked)) == pytest.approx(figures[figure](of[kind])), key
 
 
 # --- The study's page and the command line of a comparison.

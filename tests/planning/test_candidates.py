@@ -407,6 +407,13 @@ def test_certified_distances_follow_from_the_contacts_on_the_spheres():
     assert np.all(goal.certificate == 1e-12)
     # 11 contacts of 5 µm on a sphere: some 2 to 4 µm a coordinate, of two centres
     assert np.all((np.sqrt(goal.probing) > 2e-6) & (np.sqrt(goal.probing) < 8e-6))
+    # contacts of either end count, and no others
+    d, name = pool().session, pairs[0][1]
+    assert [pair.index(name) for pair in pairs if name in pair] == [1, 0]
+    of_target = d.measurements.target == [t.name for t in d.targets].index(name)
+    coarse = with_columns(d, u=np.where(of_target, 50e-6, 5e-6))
+    ratio = certified(linearised(pool_of(coarse), MODEL)).probing / goal.probing
+    assert np.all(np.where([name in pair for pair in pairs], ratio > 20, np.isclose(ratio, 1.0)))
 
 
 def test_distances_of_the_region_follow_from_the_tool_points():

@@ -17,6 +17,7 @@ from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
 from bayescal.dataset.contacts import connected
 from bayescal.dataset.read import read_settings
+from bayescal.dataset.regions import Session, side
 from bayescal.dataset.solids import hull_stl
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import write_dataset
@@ -127,6 +128,21 @@ def test_a_probed_face_is_where_it_was_probed(example):
     assert np.allclose(region.centre[1:], 0.5 * (points.min(axis=0) + points.max(axis=0))[1:], atol=1e-6)
     assert np.allclose(np.abs(region.half).sum(axis=0)[1:], 0.5 * np.ptp(points, axis=0)[1:], atol=1e-6)
     assert abs(region.centre[0] - 0.3357) < 1e-9
+
+
+def test_a_probed_side_of_a_cylinder_is_as_long_as_its_contacts():
+    """Stated, it is as long as stated; the axis is turned in either case."""
+    axis, point = rpy_matrix(np.array([0.3, -0.5, 0.2]))[2], np.array([0.4, 0.1, 0.2])
+    target = Target("rod", "cylinder", {"axis": axis, "point": point, "diameter": 0.05})
+    up, along = np.eye(3)[2], np.random.default_rng(0).uniform(-0.02, 0.07, 20)
+    probed = point + along[:, None] * axis + 0.03 * np.cross(axis, up)
+    patch = Patch(point + 0.01 * axis, np.array([0.08]))
+    for session, ends in (
+        (Session(up, probed=lambda: probed), [along.min(), along.max()]),
+        (Session(up, patch), [-0.03, 0.05]),
+    ):
+        region = side(target, session)
+        assert (region.centre + np.array([[-1.0], [1.0]]) * region.half - point) @ axis == pytest.approx(ends)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from bayescal.posterior import density as density_module
 from bayescal.posterior import sample as sampling
 from bayescal.posterior.checkpoint import Evolution, Independence
 from bayescal.posterior.inference import Record, arviz, inference_data, load, save
-from bayescal.posterior.linearised import Linearised
+from bayescal.posterior.linearised import Convergence, Linearised
 from bayescal.posterior.sample import convergence, sample
 from bayescal.reporting.fit.files import fit_draws
 from bayescal.simulation import Options, simulate
@@ -220,6 +220,17 @@ def test_a_run_too_short_says_so(fitted):
     draws = sample(fitted, 10**6, seed=0, max_steps=100)
     assert not draws.converged
     assert "effective draws" in draws.complaint
+
+
+@pytest.mark.parametrize("worst", range(3))
+def test_the_worst_component_is_named_with_its_figure(worst):
+    names, off = ("a", "b", "c"), np.arange(3) == worst
+    apart = Convergence(np.full(3, 900.0), np.full(3, 900.0), np.where(off, 1.5, 1.001))
+    few = Convergence(np.where(off, 40.0, 900.0), np.full(3, 700.0), np.full(3, 1.001))
+    assert sampling._complaint(names, apart, 1.0, 500, 10, 1.0).startswith(
+        f"R-hat of {names[worst]} is 1.500"
+    )
+    assert sampling._complaint(names, few, 1.0, 500, 10, 1.0).startswith(f"{names[worst]} has 40 effective")
 
 
 def test_no_samples_is_refused(fitted):

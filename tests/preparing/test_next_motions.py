@@ -18,7 +18,7 @@ from bayescal.logs import read_log
 from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import joints_of
 from bayescal.preparing.joint_log import check_log
-from bayescal.preparing.next_motions import FAST, MARGIN, SLOW, Bounds, next_motions
+from bayescal.preparing.next_motions import FAST, MARGIN, RATED, SLOW, STATED, STRONGER, Bounds, next_motions
 from bayescal.reporting.motion.fit import COMMANDS, PURPOSES, files_of
 
 
@@ -108,7 +108,15 @@ def test_planned_motions_keep_limits_speeds_and_clearance(log, result):
 
 
 def test_bounds_name_what_a_motion_does_not_keep(log):
-    bounds = Bounds.of(read_log(log))
+    read = read_log(log)
+    bounds, m = Bounds.of(read), read.mechanism
+    logged = np.max([np.abs(x.torque).max(axis=0) for x in read.motions], axis=0)
+    for rated, most in ((np.nan, STRONGER), (0.1, STRONGER), (10.0, 10.0 * RATED)):  # over what was logged
+        of = Bounds.of(replace(read, mechanism=replace(m, rated=rated * logged)))
+        assert of.torque == pytest.approx(most * logged)
+    assert Bounds.of(replace(read, mechanism=replace(m, fastest=np.full(6, 2.0)))).speed == pytest.approx(
+        2 * STATED
+    )
     t = np.arange(0.0, 4.0, bounds.step)[:, None]
     still = np.tile(bounds.home, (len(t), 1))
     one = np.eye(6)[1]

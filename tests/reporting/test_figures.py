@@ -192,8 +192,10 @@ def test_each_row_of_a_fit_is_one_mark_at_its_residual(fit):
     rows = fit["rows"]
     axes = draw("residuals", fit).axes[0]
     drawn = np.concatenate([marks(axes, style) for style in residuals.KINDS.values()])
-    expected = sorted(v for v in rows["residual_um"] if v is not None)
-    assert sorted(drawn[:, 1]) == pytest.approx(expected, abs=1e-6)
+    minutes = (np.array(rows["time_s"]) - min(rows["time_s"])) / 60.0
+    expected = [both for both in zip(minutes, rows["residual_um"], strict=True) if both[1] is not None]
+    assert np.array(sorted(map(tuple, drawn))) == pytest.approx(np.array(sorted(expected)), abs=1e-6)
+    assert axes.get_xlabel() == "time (min)"
     each = zip(rows["residual_um"], rows["role"], strict=True)
     validation = sorted(v for v, role in each if v is not None and role == "validate")
     assert sorted(marks(axes, residuals.KINDS["validation"])[:, 1]) == pytest.approx(validation)

@@ -13,13 +13,15 @@ from planning.made_up_plans import made_up_plan
 from bayescal.effects import UNITS as EFFECT_UNITS
 from bayescal.effects.location import Driver, joint
 from bayescal.fitted.gate import NOTHING
-from bayescal.gap.result import Amplitude, Event, NextContact, Pair, Suspect
-from bayescal.reporting import exports, fleet, origin
+from bayescal.gap.result import Amplitude, BlindSpot, Event, NextContact, Pair, Suspect
+from bayescal.reporting import exports, fleet, origin, watch
 from bayescal.reporting.gap import record as gap_file
 from bayescal.reporting.gap import summary
 from bayescal.reporting.page import Run, build
 from bayescal.reporting.page import fit as fit_page
 from bayescal.reporting.page import plan as plan_page
+from bayescal.watching import Complete
+from bayescal.watching.update import Contact
 
 PARTS = (
     *("magnitude", "where", "margins", "verdict", "shrinkage", "levels", "advice", "blind_spots"),
@@ -147,6 +149,21 @@ def test_every_number_of_a_fleet_is_shown():
     assert said.endswith("(26 comparisons)")
 
 
+def test_an_arm_of_a_fleet_is_that_of_its_last_session():
+    def session(arm, u, value):
+        effect = {"effect": "backlash", "site": "joint 3", "value": value}
+        fit = {"expanded_U_um": u, "measured_rms_um": 0.5 * u}
+        return {"session": f"{arm}{u:g}", "arm": arm, "robot": "ur5e", "fit": fit, "effects": [effect]}
+
+    model = SimpleNamespace(robot="ur5e", arms=("a", "b"), unlike=(), changed=(), gains={"a": 1.5, "b": -2.5})
+    every = [session("a", 51.0, 0.1), session("b", 30.0, 0.3), session("a", 52.0, 0.2)]
+    a, b = fleet._arms(every, [model])
+    assert (a["sessions"], b["sessions"]) == (["a51", "a52"], ["b30"])
+    for arm, last, gain in ((a, every[2], 1.5), (b, every[1], -2.5)):
+        assert last["fit"] == {key: arm[key] for key in last["fit"]}
+        assert (arm["effects"], arm["log_score_nats"]) == (last["effects"], gain)
+
+
 # --- The page of a fit.
 
 ERRORS = {"certified_mm": 200.1, "nominal_error_um": 310.0, "calibrated_error_um": 12.5}
@@ -215,6 +232,34 @@ def test_every_number_of_a_plan_is_in_its_record_under_its_name(session, cube, m
 
 UNITS_OF_FILES = (*EFFECT_UNITS.values(), ("um", 1e6))
 """Of amplitudes: their unit is beside them."""
+
+
+def test_every_number_of_a_watched_session_is_in_its_record_under_its_name(monkeypatch):
+    monkeypatch.setattr(watch, "origin", lambda *given: {})
+    spots = [{"smallest": 2e-3, "plausible": 3e-4, "distance_error": 5e-5}]
+    contacts = [{"residual": 1e-6 * k, "u": 1e-7 * k, "p_value": 0.01 * k, "U": 3e-5 * k} for k in (11, 13)]
+    fits = [
+        {"moved": 0.7 + k, "seconds": 1.5 + k, "k": 2.25 + k, "expanded": 5e-5 + 1e-6 * k} for k in (0, 1)
+    ]
+    rows = SimpleNamespace(measurements=SimpleNamespace(ids=("a", "b", "c", "d")))
+    left_out = SimpleNamespace(estimate=SimpleNamespace(rejected=np.array([1, 3])))
+    options = SimpleNamespace(effects=("geometry",), enough=7e-5, planned=60, fit=SimpleNamespace(seed=0))
+
+    def complete(spots, k, expanded, **own):
+        space = SimpleNamespace(workspace=SimpleNamespace(k=k, expanded=expanded))
+        fit = SimpleNamespace(dataset=rows, final=left_out, forecast=space)
+        return Complete(fit, tuple(BlindSpot("backlash", joint(3), unit="rad", **s) for s in spots), **own)
+
+    def record(given):
+        events = [complete(given["spots"], **own) for own in given["fits"]]
+        judged = [Contact(k, "ab"[k], "cube", "calibrate", **own) for k, own in enumerate(given["contacts"])]
+        return watch.watch_record(events, judged, options)
+
+    given = {"contacts": contacts, "fits": fits, "spots": spots}
+    called = {"moved": "largest_change", "expanded": "U"}
+    units = {r"_um$": lambda x: 1e6 * x, r"smallest|plausible": np.degrees}
+    check_written(record, given, but="", called=called, units=units)
+    assert [fit["rejected"] for fit in record(given)["fits"]] == [["b", "d"]] * 2
 
 
 def test_every_number_of_a_verification_is_in_its_record_under_its_name():
