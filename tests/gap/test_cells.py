@@ -12,7 +12,7 @@ from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter, location, named, parameters_of
 from bayescal.effects.location import BASE, TOOL, Driver, joint
-from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets, weighed_sets
 from bayescal.gap.linear.problem import Driven, Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search import cell_kinds, makers
@@ -155,9 +155,17 @@ def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
     state = fit_state(p, (), (), robust=False)
     pool = Pool(every, (), rows, cells=(), owner=np.zeros(0, int))
     wanted = weigh_sets(state, replace(pool, sets=(np.arange(count),)))[0]
-    found = weigh_clusters(state, column, clusters)
+    found, small = weigh_clusters(state, column, clusters)
     np.testing.assert_allclose(found, wanted, atol=1e-4)
     assert np.max(found) > 3
+    same = weighed_sets(state, replace(pool, sets=(np.arange(count),)))[1][0]
+    np.testing.assert_allclose(small, same, atol=1e-4)
+    unseen = np.sum(every**2) * SCALES**2 < 9 * state.kappa**2
+    assert (
+        np.isfinite(same).tolist() == unseen.tolist() == [True] * np.sum(unseen) + [False] * np.sum(~unseen)
+    )
+    assert 0 < np.sum(unseen) < len(SCALES)
+    np.testing.assert_allclose(same[unseen], np.minimum(wanted, 0)[unseen])
 
 
 def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
@@ -211,7 +219,7 @@ def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(b
     null = search.hypotheses[frozenset()].log_evidence
     site, driver = h.members[0].variant.places[0]
     at = next(k for k, q in enumerate(bench.pool.cells) if (q.site, q.driver) == (site, driver.course))
-    (_, strict), (_, free) = unknown(h, bench.pool, null), unknown(h, bench.pool, h.log_evidence)
+    (*_, strict), (*_, free) = unknown(h, bench.pool, null), unknown(h, bench.pool, h.log_evidence)
     assert strict[at].rival
     assert free[at].gain - strict[at].gain == pytest.approx(0.03 * (h.log_evidence - null))
     elsewhere = next(

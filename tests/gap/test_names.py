@@ -33,6 +33,7 @@ from bayescal.gap.search.verdict import (
     decide,
     given_away,
     probabilities,
+    seen,
     softened,
     verdict_of,
     weigh,
@@ -52,6 +53,16 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
     members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0), 1.0, 0.0) for n in names)
     found = CellFit(0, 1.0, 0, 1.0) if cell else None
     return Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
+
+
+def test_an_effect_too_small_to_be_seen_is_the_set_without_it():
+    """Of the lobing 3/4 would not show, of the step beside it nothing, of what is beside that all."""
+    sets = [((), 0.2, 0.0), (("lobing",), 0.4, 0.75), (("lobing", "step"), 0.3, 0.0)]
+    each = [replace(weighed(*names, score=np.log(p)), unseen=share) for names, p, share in sets]
+    each.append(replace(weighed("lobing", "step", score=np.log(0.1), cell=True), unseen=1.0))
+    found = {w.effects: np.exp(w.score) for w in seen(each)}
+    wanted = {(): 0.5, ("lobing",): 0.1, ("lobing", "step"): 0.4, ("lobing", "step", "unknown"): 0.0}
+    assert found == pytest.approx(wanted, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from bayescal.arm.transforms import compiled
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.problem import Driven
 from bayescal.gap.linear.state import State
-from bayescal.gap.settings import LINEAR
+from bayescal.gap.settings import LINEAR, SEARCH
 from bayescal.statistics import f_sf
 
 TRIED, NEWTON = 8, 5
@@ -244,6 +244,11 @@ class Bank:
 
 def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     """Log Bayes factors (len(sets), scales) of adding sets of columns to a state, by prior scale."""
+    return weighed_sets(state, bank)[0]
+
+
+def weighed_sets(state: State, bank: Bank) -> tuple[np.ndarray, np.ndarray]:
+    """The same, and of it what the data would not show (len(sets), scales); see `undetected`."""
     count = bank.count
     weight = state.weight.copy()
     weight[:count] /= state.kappa**2
@@ -252,18 +257,29 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     score = -((state.residual * weight) @ bank.columns)
     excluded = np.flatnonzero(state.weight[:count] == 0)
     gone, worth = bank.columns[excluded, :], state.problem.base[excluded]
-    out = np.empty((len(bank.sets), len(SCALES)))
+    out, size = np.empty((len(bank.sets), len(SCALES))), np.empty(len(bank.sets))
     for members, indices, contacts, constraints in bank.groups:
         in_sets = gone[:, indices]  # (rows left out, B, k)
         lost = np.einsum("rbi,rbj->bij", in_sets * worth[:, None, None], in_sets)
         information = (contacts - lost) / state.kappa**2 + constraints
         a, s = across.T[indices], solved.T[indices]
-        out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[indices])
-    return out
+        information = information - a @ np.swapaxes(s, 1, 2)
+        out[members] = _factors(state, information, score[indices])
+        size[members] = np.trace(information, axis1=1, axis2=2)
+    return out, undetected(out, size[:, None])
 
 
-def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> np.ndarray:
-    """Log Bayes factors (scales,) of a random error that is drawn anew in each cluster of rows.
+def undetected(nats: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Log Bayes factors by scale of what the data would not show; -inf where it is detectable.
+
+    An effect whose expected lambda is below `SEARCH.detectable` leaves the data as they are: a factor of 1,
+    or less. `size` is that lambda at the scale 1.
+    """
+    return np.where(size * SCALES**2 < SEARCH.detectable, np.minimum(nats, 0.0), -np.inf)
+
+
+def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log Bayes factors (scales,) of a random error that is drawn anew in each cluster of rows; `undetected`.
 
     The columns of the clusters do not overlap, so that their information is diagonal. What the parameters of
     the state absorb is neglected: little of each of many clusters, and the result is too small by it.
@@ -280,7 +296,8 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> np
     weight, motion = state.weight[:count] / state.kappa**2, column[:count]
     information = np.bincount(clusters, weight * motion**2)
     score = np.bincount(clusters, weight * motion * state.residual[:count])
-    return _factors_along(state, information[None], score[None] ** 2)[0]
+    nats = _factors_along(state, information[None], score[None] ** 2)[0]
+    return nats, undetected(nats, np.sum(information))
 
 
 def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from bayescal.effects import EFFECTS
-from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weighed_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.candidates import Candidates, Variant
@@ -26,6 +26,7 @@ class Member:
     variant: Variant
     scale: float
     averaging: float  # log of the mean evidence over variants and scales, relative to the best
+    unseen: float = 0.0  # share of the evidence, of sizes that these data would not show
 
     @property
     def effect(self) -> str:
@@ -46,6 +47,11 @@ class Hypothesis:
     def names(self) -> tuple[str, ...]:
         """The effects, in the order in which they entered."""
         return tuple(m.effect for m in self.members)
+
+    @property
+    def unseen(self) -> float:
+        """Share of the evidence, of sizes of the last effect that these data would not show."""
+        return self.members[-1].unseen if self.members else 0.0
 
     @property
     def score(self) -> float:
@@ -121,12 +127,12 @@ class Search:
 
     def additions(self, state: State, without: Sequence[str]) -> dict[str, Scored]:
         """The gain of each effect not in `without` that is added to a state."""
-        bayes = weigh_sets(state, self._bank)
+        bayes, small = weighed_sets(state, self._bank)
         out, first = {}, 0
         for name, variants in self.candidates.variants.items():
-            table = bayes[first : first + len(variants)] + np.array([v.log_prior for v in variants])[:, None]
-            table = table + SCALE_PRIOR
-            first += len(variants)
+            of_effect = slice(first, first + len(variants))
+            prior = np.array([v.log_prior for v in variants])[:, None] + SCALE_PRIOR
+            table, first = bayes[of_effect] + prior, of_effect.stop
             if name in without:
                 continue
             i, k = np.unravel_index(int(np.argmax(table)), table.shape)
@@ -138,7 +144,8 @@ class Search:
                 for o in order.tolist()
                 if o != i
             )
-            out[name] = Scored(Member(variants[i], float(SCALES[k]), gain - best), gain, others)
+            unseen = float(np.sum(np.exp(small[of_effect] + prior - gain)))
+            out[name] = Scored(Member(variants[i], float(SCALES[k]), gain - best, unseen), gain, others)
         return out
 
     @cached_property

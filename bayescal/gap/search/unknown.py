@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.effects import Parameter
-from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weigh_sets
+from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weighed_sets
 from bayescal.gap.linear.problem import Driven, Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state, limited
 from bayescal.gap.search.beam import Hypothesis
@@ -88,6 +88,7 @@ class CellFit:
     best: int  # index of the set in the pool
     scale: float
     rival: bool = True  # False for a form of a known effect
+    unseen: float = 0.0  # share of the evidence, of sizes that these data would not show
 
 
 def gains(state: State, pool: Pool) -> list[CellFit]:
@@ -129,21 +130,28 @@ def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = No
 
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     """Gain of every cell over a state, without fits."""
-    bayes, p = weigh_sets(state, pool) + SCALE_PRIOR, state.problem
+    (bayes, small), p = weighed_sets(state, pool), state.problem
     for i, cell in enumerate(pool.cells):
         if cell.clusters is not None:
             index = int(np.flatnonzero(pool.owner == i)[0])
             column, clusters = pool.columns[:, pool.sets[index]][:, 0], cell.clusters[p.rows[p.contact]]
-            bayes[index] = SCALE_PRIOR + weigh_clusters(state, column, clusters)
+            bayes[index], small[index] = weigh_clusters(state, column, clusters)
+    bayes, small = bayes + SCALE_PRIOR, small + SCALE_PRIOR
     gain, best = np.empty(len(pool.cells)), np.empty((2, len(pool.cells)), int)  # set and scale
+    unseen = np.empty(len(pool.cells))
     for cells, sets in pool.by_number:
         table = bayes[sets].reshape(len(cells), -1)  # (B, sets x scales)
         gain[cells] = log_sum(table, axis=1) - np.log(sets.shape[1])
+        unseen[cells] = np.sum(
+            np.exp(small[sets].reshape(table.shape) - log_sum(table, axis=1)[:, None]), axis=1
+        )
         position, best[1, cells] = np.divmod(np.argmax(table, axis=1), len(SCALES))
         best[0, cells] = np.take_along_axis(sets, position[:, None], axis=1)[:, 0]
     return [
-        CellFit(i, g, index, float(SCALES[k]))
-        for i, (g, (index, k)) in enumerate(zip(gain.tolist(), best.T.tolist(), strict=True))
+        CellFit(i, g, index, float(SCALES[k]), unseen=u)
+        for i, (g, u, (index, k)) in enumerate(
+            zip(gain.tolist(), unseen.tolist(), best.T.tolist(), strict=True)
+        )
     ]
 
 
@@ -170,8 +178,10 @@ def _fitted(wide: Problem, state: State, scale: float, start: np.ndarray | None)
     return fit_state(wide, np.arange(len(scales)), scales, start, state.robust)
 
 
-def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, list[CellFit]]:
+def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, float, list[CellFit]]:
     """Log evidence of an unmodelled effect over a hypothesis, averaged over cells, and that of each cell.
+
+    Between them the share of this evidence that is of sizes that the data would not show.
 
     A cell with the site and driver of a named effect fits its form better. It contradicts the name by its
     nats beyond a share of those of all names, relative to the log evidence `null` of noise only.
@@ -185,8 +195,10 @@ def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, lis
         for f, at_name, w in zip(cells, same, weight, strict=True)
     ]
     if not np.any(weight > -np.inf):
-        return -np.inf, cells
-    return float(log_sum(np.array([f.gain for f in cells]) + weight)), cells
+        return -np.inf, 0.0, cells
+    nats = np.array([f.gain for f in cells]) + weight
+    gain = float(log_sum(nats))
+    return gain, float(np.exp(nats - gain) @ [f.unseen for f in cells]), cells
 
 
 def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:

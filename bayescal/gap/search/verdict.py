@@ -26,6 +26,9 @@ from bayescal.gap.search.makers import Argument, Cell
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import RELATIVES, SEARCH, VERDICT
 
+SURELY_UNSEEN = 1e-9
+"""Least share of a set that is not regarded as unseen (rounding)."""
+
 
 @dataclass(frozen=True)
 class Related:
@@ -115,6 +118,7 @@ class Weighed:
     log_evidence: float  # relative to noise only
     score: float
     probability: float = 0.0
+    unseen: float = 0.0  # share of its evidence, of sizes of the last effect that the data would not show
     at_names: float = -np.inf  # nats of the best cell at a site of a named effect, beyond what is forgiven
     related: Related | None = None  # in place of its member
 
@@ -198,7 +202,7 @@ def weigh(
     ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
     null = search.hypotheses[frozenset()]
     leaders = dict.fromkeys((null, *ranked[: VERDICT.leaders]))
-    out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
+    out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score, 0.0, h.unseen) for h in ranked]
     alone: list[CellFit] = []
     for h in leaders:
         # a part of the baseline that was left out is a linear form of an error that may be large
@@ -208,7 +212,7 @@ def weigh(
             out.append(
                 Weighed(h, None, h.log_evidence + r.gain - null.log_evidence, h.score + r.gain, related=r)
             )
-        gain, cells = unknown(h, pool, null.log_evidence)
+        gain, small, cells = unknown(h, pool, null.log_evidence)
         alone = cells if h is null else alone
         if not np.isfinite(gain):
             continue
@@ -217,8 +221,9 @@ def weigh(
         prior = h.log_prior + float(np.log(VERDICT.beside)) if beside else float(np.log(SEARCH.unknown))
         evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
         at_names = _at_names(h, pool, cells)
-        out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior, at_names=at_names))
-    out = softened(out)
+        more = Weighed(h, best, evidence - null.log_evidence, evidence + prior, 0.0, small, at_names)
+        out.append(more)
+    out = seen(softened(out))
     total = log_sum(np.array([w.score for w in out]))
     out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
     return tuple(sorted(out, key=lambda w: -w.score)), alone
@@ -263,6 +268,22 @@ def softened(weighed: Sequence[Weighed]) -> list[Weighed]:
         return replace(w, score=leader.score - VERDICT.soft * (leader.score - w.score))
 
     return [soft(w) if confusable_sets(leader, w) else w for w in weighed]
+
+
+def seen(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Scores of sets without what is too small to be seen: with it a set is the same as without the effect.
+
+    An effect whose expected lambda is below `SEARCH.detectable` leaves the data as they are.
+    """
+    out = sorted(weighed, key=lambda w: -len(w.effects))
+    bare = {frozenset(w.names): k for k, w in enumerate(out) if not w.unmodelled}
+    score = np.array([w.score for w in out])
+    for k, w in enumerate(out):
+        base = bare.get(frozenset(w.names if w.unmodelled else w.names[:-1]))
+        if w.unseen > 0 and base is not None:
+            score[base] = np.logaddexp(score[base], score[k] + np.log(w.unseen))
+            score[k] += np.log1p(-min(w.unseen, 1.0 - SURELY_UNSEEN))
+    return [replace(w, score=s) for w, s in zip(out, score.tolist(), strict=True)]
 
 
 def confusable_sets(a: Weighed, b: Weighed) -> bool:
