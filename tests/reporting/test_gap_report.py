@@ -207,21 +207,19 @@ def test_an_effect_that_is_found_is_not_ambiguous(session):
     assert not any("possibly backlash" in one for one in shown)
 
 
-def test_a_null_that_is_not_the_likeliest_is_undecided(session):
+def test_a_null_that_is_not_the_likeliest_says_so(session):
     gap = diagnosis(session, "null")
     size = replace(gap.magnitude.measured[0], rms=1e-4)
     verdict = replace(gap.verdict, probability={"null": 0.2, "unknown": 0.3})
     magnitude = replace(gap.magnitude, measured=(size,))
     (words, *_) = headline(replace(gap, verdict=verdict, magnitude=magnitude))
-    assert words.startswith("Undecided: noise only has probability 0.20")
+    assert words.startswith("No effect found: noise only has probability 0.20")
     assert words.endswith("errors of validation contacts are larger than the model predicts")
-    # a null that another hypothesis exceeds is undecided
     verdict = replace(gap.verdict, probability=dict(gap.verdict.probability) | {"null": 0.22, "unknown": 0.3})
-    undecided = replace(gap, verdict=verdict)
-    assert (
-        headline(undecided)[0] == "Undecided: noise only has probability 0.22, and no effect is established"
-    )
-    assert verdict_of(gap_record(undecided))[2] == "Undecided"
+    doubtful = replace(gap, verdict=verdict)
+    wanted = "No effect found: noise only has probability 0.22, and nothing else is established"
+    assert headline(doubtful)[0] == wanted
+    assert verdict_of(gap_record(doubtful))[2] == "No effect found"
 
 
 @pytest.mark.parametrize("kind", VERDICTS)

@@ -297,7 +297,7 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> tu
     information = np.bincount(clusters, weight * motion**2)
     score = np.bincount(clusters, weight * motion * state.residual[:count])
     nats = _factors_along(state, information[None], score[None] ** 2)[0]
-    return nats, undetected(nats, np.sum(information))
+    return nats, undetected(nats, information.sum(keepdims=True))
 
 
 def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -212,9 +212,7 @@ def _nothing(gap: Gap) -> str:
     null = verdict.probability["null"]
     conclusion, likeliest = "No effect found", null >= max(verdict.probability.values())
     if not likeliest:
-        conclusion = (
-            f"Undecided: noise only has probability {probability(null)}, and no effect is established"
-        )
+        conclusion += f": noise only has probability {probability(null)}, and nothing else is established"
     size = gap.magnitude.measured[:1]
     loose = bool(size) and size[0].predicted_rms > OUTCOME.loose * gap.magnitude.noise
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]

@@ -33,7 +33,7 @@ UNKNOWN = (
     "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure what is proposed."
 )
-DOUBTFUL = ("No effect found", "Undecided", "Possible effect", "Probable effect")
+DOUBTFUL = ("No effect found", "Possible effect", "Probable effect")
 """First words of a headline that are less certain than its verdict."""
 LINES = 3
 """Lines of the verdict that are seen at once; the effects of all follow with their sizes."""
