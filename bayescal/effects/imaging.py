@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
@@ -32,25 +30,6 @@ def late_images(c: Circumstances, v: View, by: np.ndarray | float = 1.0) -> tupl
     assert c.velocity is not None
     rates = (c.velocity @ c.robot.link_from_reading.T).T * v.rows * by
     return tuple(Term(j, c.robot.axes[j - 1], -rate) for j, rate in enumerate(rates, start=1) if rate.any())
-
-
-def reading_errors(c: Circumstances, sd: np.ndarray, image: np.ndarray) -> Iterator[Parameter]:
-    """An error of each reading of each image, which its corners share: nuisance parameters.
-
-    Parameters
-    ----------
-    c : Circumstances
-    sd : np.ndarray, shape (n,)
-        Standard uncertainty of a reading of each joint, rad or m.
-    image : np.ndarray, shape (N,)
-        Number of the image of each row; rows without one have -1.
-    """
-    for one in np.unique(image[image >= 0]):
-        rows = (image == one).astype(float)
-        for k in np.flatnonzero(sd > 0):
-            by = [(j, x) for j, x in enumerate(c.robot.link_from_reading[:, k].tolist(), start=1) if x]
-            terms = tuple(Term(j, c.robot.axes[j - 1], x * rows) for j, x in by)
-            yield Parameter(f"reading {k + 1} of image {one}", "", terms, float(sd[k]))
 
 
 def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 0.0) -> list[Parameter]:
@@ -186,15 +165,15 @@ BOARD_BOW = beyond(
     "bow",
     "board-bow",
     "board not flat",
-    size=("m", "height of the middle"),
+    size=("m", "height of the middle, or of a corner by a twist"),
     phrase=("the board", "is not flat"),
     remedy="Mount the board on a stiff, flat plate, and check it with a straightedge.",
     confusable_with=("lens-distortion",),
 )
-r"""Board bow: a board is bent along its axes.
+r"""Board bow: a board is bent, along its axes or any other direction.
 
-Formula: $`\delta p = (0, 0, x_x (1 - (a / A)^2) + x_y (1 - (b / B)^2))`$ of a point (a, b) of a board of the
-half size (A, B), from its middle.
+Formula: $`\delta p = (0, 0, x_x (1 - (a / A)^2) + x_y (1 - (b / B)^2) + x_t a b / (A B))`$ of a point (a, b)
+of a board of the half size (A, B), from its middle.
 
 Driver: the place on the board. Prior: five times the stated flatness (assumed, `imaging.TIMES`).
 """

@@ -82,7 +82,7 @@ class View:
     centre: ImageErrors  # the optical axis in the image, px
     distortion: ImageErrors  # deviations of the coefficients of the lens
     scale: ImageErrors  # relative errors of the size of the board along both of its axes
-    bow: ImageErrors  # height of the middle of the board over its edges, of a bend along each axis, m
+    bow: ImageErrors  # height of the middle of the board over its edges, of a bend along each axis; twist, m
     point: np.ndarray  # (N,) number of the point of the board
     shift: np.ndarray  # (N, 2, 3) lengths, m/m, by a shift of the point along the axes of the board
     several: bool = False  # there are other views

@@ -9,6 +9,7 @@ residual is nearly that of its row, so that outliers stay rows. With Q = D^-1/2 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,17 @@ class Shared:
         """Errors `by` (k C, n) of C rows of k residuals; rows with equal readings (C, n) share them."""
         image = np.unique(readings, axis=0, return_inverse=True)[1].ravel()
         return cls(by, np.tile(image, len(by) // max(len(image), 1)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Shared | int]) -> Shared:
+        """That of the residuals of blocks in order; a block of independent ones is given by their number."""
+        width = max(0 if isinstance(part, int) else part.by.shape[1] for part in parts)
+        by, image = [np.zeros((0, width))], np.zeros(0, int)
+        for part in parts:
+            s = cls(np.zeros((part, width)), np.arange(part)) if isinstance(part, int) else part
+            by.append(np.pad(s.by, ((0, 0), (0, width - s.by.shape[1]))))
+            image = np.append(image, int(np.max(image, initial=-1)) + 1 + s.image)
+        return cls(np.vstack(by), image)
 
     def without(self, rows: np.ndarray) -> Shared:
         """The same with the residuals `rows` (R,), bool, having noise of their own alone."""
@@ -90,6 +102,16 @@ class Decorrelation:
     def white(self, x: np.ndarray) -> np.ndarray:
         """Residuals or columns with independent unit noise."""
         return self._moved((x.T * self.alone).T, 1.0 / np.sqrt(1.0 + self.size) - 1.0)
+
+    def turned(self, x: np.ndarray) -> np.ndarray:
+        """Products with the transpose of `white`."""
+        return (self._moved(x, 1.0 / np.sqrt(1.0 + self.size) - 1.0).T * self.alone).T
+
+    def each(self, x: csr_array) -> csr_array:
+        """`white` of columns with few values, as such columns."""
+        apart = x.multiply(self.alone[:, None]).tocsr()
+        across = (self.basis.T @ apart).multiply((1.0 / np.sqrt(1.0 + self.size) - 1.0)[:, None])
+        return (apart + self.basis @ across.tocsr()).tocsr()
 
     def coloured(self, x: np.ndarray) -> np.ndarray:
         """The inverse of `white`."""

@@ -15,7 +15,6 @@ from bayescal.assess.findings import differing, noise_ratios
 from bayescal.assess.shared_causes import SharedCause, completed, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
-from bayescal.effects.imaging import reading_errors
 from bayescal.effects.selection import plain as plain_name
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
@@ -127,20 +126,6 @@ def _with_widths(
     return calibrated(scene, effects, options), options, widths
 
 
-MOST_READINGS = 600
-"""Errors of readings of images that are unknowns of the search; beyond, each corner has its own (cost)."""
-
-
-def _of_readings(fitted: Estimate, c: Circumstances) -> tuple[Parameter, ...]:
-    """Errors of the stated readings, which the corners of an image share; none without images."""
-    scene = fitted.model.scene
-    u, share = scene.dataset.reading_noise
-    image, rows = np.full(len(c.q), -1), c.fitted[scene.in_images[c.fitted]]
-    image[rows] = families.poses(scene.dataset.measurements, rows)
-    errors = len(np.unique(image[rows])) * np.count_nonzero(u * share)
-    return tuple(reading_errors(c, u * share, image)) if 0 < errors <= MOST_READINGS else ()
-
-
 def _examined(
     fitted: Estimate, causes: tuple[SharedCause, ...], options: FitOptions, further: bool
 ) -> Examined:
@@ -149,11 +134,8 @@ def _examined(
     effects = fitted.model.effects
     c = with_compliances(settled.circumstances(settled.rows("calibrate")), fitted)
     nuisance = tuple(masses(c)) if COMPLIANCE in effects else ()
-    nuisance += (readings := _of_readings(fitted, c))
     candidate_effects = candidates(c, effects, options.without)
-    baseline = Baseline(
-        fitted, c, candidate_effects, nuisance, options.robust, further, causes, bool(readings)
-    )
+    baseline = Baseline(fitted, c, candidate_effects, nuisance, options.robust, further, causes)
     result = baseline.weighed(fitted)
     members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
@@ -177,7 +159,6 @@ class Baseline:
     robust: bool
     further: bool
     causes: tuple[SharedCause, ...]
-    shared_readings: bool = False  # errors of the readings of images are nuisances, not noise of each corner
 
     def weighed(self, noise: Estimate) -> Examined:
         """Evaluate all effects that the fit lacks; `noise` has the noise ratio of orientations to lengths."""
@@ -192,8 +173,6 @@ class Baseline:
         if self.causes:
             rows = np.concatenate([cause.rows for cause in self.causes])
             slopes = replace(slopes, sharing=np.isin(slopes.rows, rows))
-        if self.shared_readings:
-            slopes = slopes.with_noise(_without_readings(fitted))
         slopes = replace(slopes, stop=families.stops_of(fitted.model.scene, slopes.rows))
         assert slopes.stop is not None
         poses = slopes.stop[slopes.contact[: len(slopes.sigma)]]
@@ -242,16 +221,6 @@ class Baseline:
         search = Search(p, candidate_effects, self.robust, self.further)
         search.run()
         return Examined(fitted, c, candidate_effects, p, pool, search, decide(search, pool, arguments(c)))
-
-
-def _without_readings(fitted: Estimate) -> np.ndarray:
-    """Noise of the corners over that with the stated errors of readings, (contacts,); 1 of other rows."""
-    scene, weights, out = fitted.model.scene, fitted.weights, []
-    for b in fitted.model.blocks:
-        whole = weights.sigma[b.name].reshape(b.kind.rows, -1)
-        ratio = b.sigma / np.sqrt(np.mean(whole**2, axis=0))
-        out.append(np.where(scene.in_images[b.rows], ratio, 1.0))
-    return np.concatenate(out)
 
 
 @dataclass(frozen=True)
@@ -331,6 +300,6 @@ def _excess(null: State, chosen: State, noise: float) -> float:
     """
     p = null.problem
     keep = chosen.weight[: p.lengths] > 0
-    before, after = (float(np.mean((s.residual[: p.lengths] * p.sigma)[keep] ** 2)) for s in (null, chosen))
+    before, after = (float(np.mean(p.metres(s.residual)[keep] ** 2)) for s in (null, chosen))
     expected = noise**2 * (1.0 - null.effective_dof / max(float(np.sum(chosen.weight[: p.count] > 0)), 1.0))
     return max(before - min(expected, after), 0.0)

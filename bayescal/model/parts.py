@@ -177,14 +177,17 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
     number[rows] = np.argmin(np.linalg.norm(kind.corner[:, None] - points, axis=2), axis=1)
     corner[rows, 0], every[rows] = (kind.corner - middle)[:, :2], 1.0
     half = np.maximum(0.5 * np.ptp(points, axis=0)[:2], 1e-3)
-    by_scale, by_bow = board_slopes[..., :2] * corner, board_slopes[..., 2:] * (1.0 - (corner / half) ** 2)
+    bends = np.concatenate(
+        [1.0 - (corner / half) ** 2, np.prod(corner / half, axis=2, keepdims=True)], axis=2
+    )
+    by_scale, by_bow = board_slopes[..., :2] * corner, board_slopes[..., 2:] * bends
     return View(
         t.name, every,
         ImageErrors(("fx", "fy"), "px", spread(focal), u.focal, lens.focal),
         ImageErrors(("cx", "cy"), "px", spread(centre), u.centre, lens.centre),
         ImageErrors(NAMES[lens.model], "1", spread(coefficients), u.coefficients, lens.coefficients),
         ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, u.scale), of_board=True),
-        ImageErrors(("bow x", "bow y"), "m", by_bow, np.full(2, u.flatness), of_board=True),
+        ImageErrors(("bow x", "bow y", "twist"), "m", by_bow, np.full(3, u.flatness), of_board=True),
         number, board_slopes,
     )  # fmt: skip
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from camera_sessions import camera_session
+from scipy.sparse import csr_array
 from test_image_noise import misread
 
 from bayescal.assess.images import images
@@ -38,6 +39,17 @@ def test_residuals_become_independent_and_back(shared):
     assert apart.coloured(turned) == pytest.approx(np.eye(31), abs=1e-12)
     assert apart.log_det == pytest.approx(-0.5 * np.linalg.slogdet(covariance)[1])
     assert apart.white(np.arange(31.0)) == pytest.approx(turned @ np.arange(31.0))
+    assert apart.turned(np.eye(31)) == pytest.approx(turned.T)
+    assert apart.each(csr_array(np.eye(31))).toarray() == pytest.approx(turned)
+
+
+def test_blocks_in_order_share_what_each_has(shared):
+    some = Shared.joined([shared, 4, replace(shared, by=shared.by[:, :1])]).decorrelated().white(np.eye(66))
+    assert some[:31, :31] == pytest.approx(shared.decorrelated().white(np.eye(31)))
+    assert some[31:35] == pytest.approx(np.eye(66)[31:35])
+    one = replace(shared, by=shared.by[:, :1])
+    assert some[35:, 35:] == pytest.approx(one.decorrelated().white(np.eye(31)))
+    assert np.all(some[:31, 31:] == 0)
 
 
 def test_rows_without_shared_errors_are_as_they_were(shared):

@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from camera_sessions import camera_session
 from gap_problems import BASELINE, Bench, log_bayes, of_every_kind, unsolved, with_orientations
 from rails import moving_session
 from scipy.integrate import quad
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
 
-from bayescal.arm.motion import CONTACT
+from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.statics import Stance, gravity_loads
-from bayescal.effects import EFFECTS, parameters_of
+from bayescal.dataset import Noise
+from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects import gravity as mass_errors
 from bayescal.effects.compliance import expected
 from bayescal.effects.imaging import without_camera
@@ -24,12 +26,14 @@ from bayescal.gap.linear.evidence import (
     NODES,
     SCALES,
     TRIED,
+    _factors_along,
     gain,
     integrated,
     log_sum,
     project,
+    weigh_clusters,
 )
-from bayescal.gap.linear.problem import Problem, Slopes, of_certificate, problem, without_nuisance
+from bayescal.gap.linear.problem import Driven, Problem, Slopes, of_certificate, problem, without_nuisance
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.refit import model_name, screened
@@ -63,13 +67,19 @@ def every_candidate(c, baseline):
     return out
 
 
-@pytest.mark.parametrize("kinds", ["planes", "every kind", "points", "poses", "rail"])
+def shared_images():
+    """Six images whose corners share errors of the readings, and linear errors of the image."""
+    return replace(camera_session(images=6), noise=Noise(pixel=0.2, joint=1e-4, field=1.5, power=1))
+
+
+@pytest.mark.parametrize("kinds", ["planes", "every kind", "points", "poses", "rail", "images"])
 def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mixed, tracker):
     read = tracker(seed=3).dataset
     poses = with_orientations(read)
     every = {"planes": session, "every kind": mixed, "points": read, "poses": poses, "rail": moving_session()}
-    dataset = every[kinds]
+    dataset = every[kinds] if kinds != "images" else shared_images()
     fitted = unsolved(dataset)
+    assert bool(fitted.weights.shared) == (kinds == "images")
     scales = {g: 1.0 + 0.5 * k for k, g in enumerate(fitted.weights.scale)}
     fitted = replace(fitted, weights=replace(fitted.weights, scale=scales))
     model, scene = fitted.model, fitted.model.scene
@@ -114,6 +124,37 @@ def test_lengths_are_in_metres_whatever_the_scales_of_the_noise(mixed, tracker):
         metres = np.concatenate([b.residual(values, z).ravel() for b, z in blocks])
         np.testing.assert_allclose(found.residual[:count] * found.sigma, metres, rtol=0, atol=1e-12)
         np.testing.assert_allclose(found.along(CONTACT, "normal")[:count] * found.sigma, 1.0)
+
+
+def test_images_are_whitened_by_what_their_corners_share():
+    """Products and parts of columns by quantities of a pose and of a corner; metres; random errors."""
+    fitted, rng = unsolved(shared_images()), np.random.default_rng(1)
+    slopes, (block,) = Slopes.of(fitted), fitted.model.blocks
+    apart, size = fitted.weights.decorrelation(block), len(slopes.rows)
+    poses = np.unique(
+        fitted.model.scene.circumstances(slopes.rows).q[slopes.rows], axis=0, return_inverse=True
+    )[1]
+    poses = poses.ravel()
+    drivers = rng.standard_normal(6)[poses], rng.standard_normal(size)
+    own = [Parameter("", "rad", (Term(3, "rz", d), Term(0, "tx", d)), 1e-3) for d in drivers]
+    raw = np.column_stack(
+        [1e-3 * np.tile(d, 2) * (slopes.along(3, "rz") + slopes.along(0, "tx")) for d in drivers]
+    )
+    wanted, found, left = apart.white(raw), Driven(slopes, poses, own), rng.standard_normal((3, 2 * size))
+    np.testing.assert_allclose(
+        found[np.arange(0, 2 * size, 7), [1, 0]], wanted[::7, ::-1], rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(left @ found, left @ wanted, rtol=1e-9)
+    p = slopes.problem(fitted.z, own, ())
+    values = fitted.model.deviations(fitted.z[fitted.model.slices[ARM]])
+    metres = block.residual(values, fitted.z[fitted.model.slices[block.target]]).ravel()
+    np.testing.assert_allclose(p.metres(p.residual), metres, rtol=1e-9, atol=1e-12)
+    clusters = np.tile(rng.integers(0, 5, size), 2)  # across images
+    state = fit_state(p, (), (), robust=False)
+    every = apart.white(raw[:, :1] * (clusters[:, None] == np.arange(5))) / state.kappa
+    seen = np.sum(every**2, axis=0)[None], (state.residual / state.kappa @ every)[None] ** 2
+    found, _ = weigh_clusters(state, wanted[:, 0], clusters)
+    np.testing.assert_allclose(found, _factors_along(state, *seen)[0], rtol=1e-9)
 
 
 def test_rows_of_a_contact_stay_together(mixed):

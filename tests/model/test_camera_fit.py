@@ -88,6 +88,7 @@ def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount):
     made = [(make, [of_lens(field, k) for k in range(len(getattr(lens, field)))]) for make, field in names]
     made.append(("scale", [of_board(local * np.eye(3)[k]) for k in range(2)]))
     bent = [(1.0 - (local[:, k] / half[k]) ** 2)[:, None] * np.eye(3)[2] for k in range(2)]
+    bent.append(np.prod(local[:, :2] / half[:2], axis=1)[:, None] * np.eye(3)[2])
     made.append(("bow", [of_board(b) for b in bent]))
     for make, changed in made:
         usual, wide = (imaging.of_view(seen, make, "p", times) for times in (1.0, 3.0))

@@ -9,8 +9,8 @@ contacts.
 
 An error that all measurements of one pose share: its size by residuals, and what a measurement is worth.
 
-Three reflectors on a flange are read at one stop of the arm. An error of that stop (an unsteady joint, air
-on the way to the instrument) displaces all three alike, so that they are not three independent measurements.
+Three reflectors on a flange are read at one stop of the arm. An error of that stop (an unsteady joint, air)
+displaces all three alike, so that they are not three independent measurements.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.special import gammaln
 
 from bayescal.arm.transforms import compiled
@@ -30,7 +31,7 @@ from bayescal.gap.settings import LINEAR, SEARCH
 from bayescal.statistics import f_sf
 
 TRIED, NEWTON = 8, 5
-"""Number of noise levels among which the mode of the integral is searched, and of refinement steps."""
+"""Noise levels among which the mode of the integral is searched, and refinement steps."""
 _jit = compiled(error_model="numpy")
 
 
@@ -253,27 +254,24 @@ def weighed_sets(state: State, bank: Bank) -> tuple[np.ndarray, np.ndarray]:
     weight = state.weight.copy()
     weight[:count] /= state.kappa**2
     across = bank.across(state, weight)
-    solved = state.covariance @ across
-    score = -((state.residual * weight) @ bank.columns)
+    score, solved = -((state.residual * weight) @ bank.columns), state.covariance @ across
     excluded = np.flatnonzero(state.weight[:count] == 0)
     gone, worth = bank.columns[excluded, :], state.problem.base[excluded]
     out, size = np.empty((len(bank.sets), len(SCALES))), np.empty(len(bank.sets))
     for members, indices, contacts, constraints in bank.groups:
         in_sets = gone[:, indices]  # (rows left out, B, k)
         lost = np.einsum("rbi,rbj->bij", in_sets * worth[:, None, None], in_sets)
-        information = (contacts - lost) / state.kappa**2 + constraints
         a, s = across.T[indices], solved.T[indices]
-        information = information - a @ np.swapaxes(s, 1, 2)
+        information = (contacts - lost) / state.kappa**2 + constraints - a @ np.swapaxes(s, 1, 2)
         out[members] = _factors(state, information, score[indices])
         size[members] = np.trace(information, axis1=1, axis2=2)
     return out, undetected(out, size[:, None])
 
 
 def undetected(nats: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Log Bayes factors by scale of what the data would not show; -inf where it is detectable.
+    """Log Bayes factors by scale of what the data would not show, at most 0; -inf of what they would.
 
-    An effect whose expected lambda is below `SEARCH.detectable` leaves the data as they are: a factor of 1,
-    or less. `size` is that lambda at the scale 1.
+    That is of an expected lambda below `SEARCH.detectable`. `size` is that lambda at the scale 1.
     """
     return np.where(size * SCALES**2 < SEARCH.detectable, np.minimum(nats, 0.0), -np.inf)
 
@@ -281,8 +279,8 @@ def undetected(nats: np.ndarray, size: np.ndarray) -> np.ndarray:
 def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Log Bayes factors (scales,) of a random error that is drawn anew in each cluster of rows; `undetected`.
 
-    The columns of the clusters do not overlap, so that their information is diagonal. What the parameters of
-    the state absorb is neglected: little of each of many clusters, and the result is too small by it.
+    Columns of clusters hardly overlap (within an image): their information is diagonal. What the parameters
+    of the state absorb is neglected: little of each of many clusters, and the result is too small by it.
 
     Parameters
     ----------
@@ -292,10 +290,12 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> tu
     clusters : np.ndarray, shape (C,)
         Cluster of each row of a contact.
     """
-    count = state.problem.count
-    weight, motion = state.weight[:count] / state.kappa**2, column[:count]
-    information = np.bincount(clusters, weight * motion**2)
-    score = np.bincount(clusters, weight * motion * state.residual[:count])
+    count, images = state.problem.count, state.problem.images
+    motion = column[:count] if images is None else images.coloured(column[:count])
+    each = csr_array((motion, (np.arange(count), clusters)))
+    each = each if images is None else images.each(each)
+    weight = state.weight[:count] / state.kappa**2
+    information, score = each.power(2).T @ weight, each.T @ (weight * state.residual[:count])
     nats = _factors_along(state, information[None], score[None] ** 2)[0]
     return nats, undetected(nats, information.sum(keepdims=True))
 

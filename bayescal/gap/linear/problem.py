@@ -21,6 +21,7 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, IMAGE, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
 from bayescal.estimate import Estimate, linearise
+from bayescal.estimate.correlated import Decorrelation, Shared
 from bayescal.estimate.moments import of_equal_size
 from bayescal.estimate.outliers import limit
 from bayescal.model import ARM, with_parameters
@@ -31,7 +32,8 @@ from bayescal.model.model import length_blocks, main_group
 class Problem:
     """Residuals (R,), Jacobian (R, D) and pool of candidate columns (R, K), contacts first, then constraints.
 
-    Contacts are whitened by their stated noise, columns scaled by their prior standard deviations. `z` (D,)
+    Contacts are whitened by their stated noise, and corners by what those of their image share (`images`, see
+    `estimate.correlated`); columns are scaled by their prior standard deviations. `z` (D,)
     is where the problem was linearised; the prior mean is 0. `contact` (C,) numbers the contact of each of
     the first C rows; the three rows of a point are used or excluded together. `worth` (C,) is the number of
     independent residuals that each is worth; 1 if not given. `sharing` (contacts,) are those that are no
@@ -51,6 +53,12 @@ class Problem:
     worth: np.ndarray | None = None
     sharing: np.ndarray | None = None
     stop: np.ndarray | None = None
+    images: Decorrelation | None = None  # of the first C rows
+
+    def metres(self, x: np.ndarray) -> np.ndarray:
+        """Whitened values (R, ...) or (C, ...) of the lengths, m, (L, ...)."""
+        x = x[: self.count] if self.images is None else self.images.coloured(x[: self.count])
+        return np.asarray((x[: self.lengths].T * self.sigma).T)
 
     @cached_property
     def base(self) -> np.ndarray:
@@ -136,6 +144,8 @@ class Slopes:
     worth: np.ndarray | None = None  # (C,) see `Problem`
     sharing: np.ndarray | None = None  # (contacts,)
     stop: np.ndarray | None = None  # (contacts,)
+    images: Decorrelation | None = None  # of the C rows; `axes` are those before it
+    image: np.ndarray | None = None  # (C,)
 
     @classmethod
     def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
@@ -150,22 +160,32 @@ class Slopes:
         z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[arm_size:]])
         scale = fitted.weights.scale
         main = scale[main_group(model)]
-        weights = replace(fitted.weights.full.apart, scale={g: s / main for g, s in scale.items()})
-        linear = linearise(wide, z, weights)
+        whole = fitted.weights.full
+        weights = replace(whole.apart, scale={g: s / main for g, s in scale.items()})
+        linear, shared, images = linearise(wide, z, weights), None, None
         contact, rows, first = [], [], 0
         for b in model.blocks:
             contact.append(np.tile(first + np.arange(len(b.rows)), b.kind.rows))
             rows.append(b.rows)
             first += len(b.rows)
         count = sum(map(len, contact))
+        residual, jacobian = linear.residual, linear.jacobian[:, np.r_[0:arm_size, last : wide.size]]
+        if whole.shared:
+            shared = Shared.joined([whole.shared.get(b.name, b.residuals) for b in model.blocks])
+            images = shared.decorrelated()
+            residual, jacobian = (
+                np.concatenate([images.white(x[:count]), x[count:]]) for x in (residual, jacobian)
+            )
         return cls(
-            linear.residual,
-            linear.jacobian[:, np.r_[0:arm_size, last : wide.size]],
+            residual,
+            jacobian,
             np.asfortranarray(linear.jacobian[:count, arm_size : arm_size + len(units)]),
             {p.name: linear.jacobian[:, arm_size + len(units) + k] for k, p in enumerate(certified_values)},
             np.concatenate(contact),
             np.concatenate(rows),
             np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in length_blocks(model)]),
+            images=images,
+            image=None if shared is None else shared.image,
         )
 
     def with_noise(self, ratio: np.ndarray) -> Slopes:
@@ -185,12 +205,29 @@ class Slopes:
         """The problem with a pool of candidates; see `problem`."""
         jacobian, pool = np.column_stack([self.jacobian, self.columns(nuisance)]), self.columns(extra)
         contacts = self.contact, self.rows, self.sigma, self.worth, self.sharing, self.stop
-        return Problem(self.residual, jacobian, pool, np.append(z, np.zeros(len(nuisance))), *contacts)
+        z = np.append(z, np.zeros(len(nuisance)))
+        return Problem(self.residual, jacobian, pool, z, *contacts, self.images)
 
     @property
     def gradient(self) -> np.ndarray:
         """Derivatives (L, 3) of the lengths by a displacement along the axes of the base."""
-        return self.axes[: len(self.sigma), [AXES.index(axis) for axis in ("tx", "ty", "tz")]]
+        by = self.axes[:, [AXES.index(axis) for axis in ("tx", "ty", "tz")]]
+        return (by if self.images is None else self.images.white(by))[: len(self.sigma)]
+
+    def shared(self, driver: np.ndarray) -> bool:
+        """Whether the corners of each image have one value of a driver (contacts,)."""
+        if self.image is None:
+            return True
+        first, image = self._images
+        return np.array_equal(driver[first][image], driver)
+
+    @cached_property
+    def _images(self) -> tuple[np.ndarray, np.ndarray]:
+        """The first contact of each image, and the image of each contact."""
+        assert self.image is not None
+        of_contact = self.image[np.unique(self.contact, return_index=True)[1]]
+        first, image = np.unique(of_contact, return_index=True, return_inverse=True)[1:]
+        return first, image
 
     def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
         """Columns (R, K) of parameters, each times its prior standard deviation."""
@@ -212,7 +249,8 @@ class Slopes:
 class Driven:
     """Columns (R, K) as derivatives by sites times drivers, which are computed where they are asked for.
 
-    A driver that is equal in all contacts of a pose is kept once a pose. As an array, it has parts
+    A driver that is equal in all contacts of a pose is kept once a pose. The columns of drivers that differ
+    between the corners of an image are whitened where they are computed. As an array, it has parts
     ``[rows, columns]``, of rows in order and different columns, and products ``vectors @ columns``.
 
     Parameters
@@ -234,33 +272,40 @@ class Driven:
                 values = np.asarray(t.driver, float)
                 driver = p.sd * (values[slopes.rows] if values.ndim else np.full(len(poses), values))
                 alike = np.array_equal(driver[first][poses], driver)
-                numbers, drivers = groups.setdefault((alike, k, t.frame, t.axis), ([], bytearray()))
+                group = alike, slopes.shared(driver), k, t.frame, t.axis
+                numbers, drivers = groups.setdefault(group, ([], bytearray()))
                 numbers.append(size - 1)
                 drivers.extend(driver[first] if alike else driver)  # grows in place
         self.shape, self._parts = (len(slopes.residual), size), []
-        for (alike, _, *site), (numbers, drivers) in groups.items():
-            slope = slopes.along(*site)
+        for (alike, shared, _, *site), (numbers, drivers) in groups.items():
+            slope, apart = slopes.along(*site), slopes.images
+            if shared and apart is not None:
+                slope, apart = apart.white(slope), None
             label = (poses if alike else np.arange(len(poses)))[slopes.contact]
             fold = csr_array((slope, (label, np.arange(self._count))), (np.max(label) + 1, self._count))
             every = np.frombuffer(drivers).reshape(len(numbers), -1)
-            self._parts.append((np.array(numbers), every, label, slope, fold))
+            self._parts.append((np.array(numbers), every, label, slope, fold, apart))
 
     def __getitem__(self, part: tuple[Any, Any]) -> np.ndarray:
         """Some rows (R',) of some columns (K',), (R', K')."""
         rows, columns = (np.arange(size)[index] for size, index in zip(self.shape, part, strict=True))
         place, out = np.full(self.shape[1], -1), np.zeros((len(columns), len(rows)))
         place[columns], rows = np.arange(len(columns)), rows[rows < self._count]
-        for numbers, drivers, label, slope, _ in self._parts:
+        for numbers, drivers, label, slope, _, apart in self._parts:
             chosen = np.flatnonzero(place[numbers] >= 0)
-            if len(chosen):
+            if len(chosen) and apart is not None:
+                whole = apart.white((drivers[chosen][:, label] * slope).T)
+                out[place[numbers[chosen]], : len(rows)] += whole[rows].T
+            elif len(chosen):
                 out[place[numbers[chosen]], : len(rows)] += drivers[chosen][:, label[rows]] * slope[rows]
         return out.T
 
     def __rmatmul__(self, vectors: np.ndarray) -> np.ndarray:
         """Products (..., K) with `vectors` (..., R)."""
         out = np.zeros((self.shape[1], *vectors.shape[:-1]))
-        for numbers, drivers, _, _, fold in self._parts:
-            out[numbers] += drivers @ (fold @ vectors.T[: self._count])
+        for numbers, drivers, _, _, fold, apart in self._parts:
+            across = vectors.T[: self._count]
+            out[numbers] += drivers @ (fold @ (across if apart is None else apart.turned(across)))
         return out.T
 
 

@@ -107,7 +107,7 @@ def f_test(state: State, columns: np.ndarray) -> float:
 
 def visible(state: State, contribution: np.ndarray) -> np.ndarray:
     """Part of a whitened contribution (R,) that the state does not absorb, of lengths (L,), m."""
-    return unabsorbed(state, contribution)[: state.problem.lengths] * state.problem.sigma
+    return state.problem.metres(unabsorbed(state, contribution))
 
 
 def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
@@ -182,7 +182,7 @@ def _of_random_cell(state: State, pool: Pool, f: CellFit, scale: Scale) -> Place
     cell, p = pool.cells[f.cell], state.problem
     column = pool.columns[:, pool.sets[f.best]]
     kept = state.weight[: p.lengths] > 0
-    sd = column[: p.lengths, 0] * p.sigma * f.scale
+    sd = p.metres(column[:, 0]) * f.scale
     size = rms(sd[kept], of_none=0.0)
     p_value = float(np.exp(-max(f.gain, 0.0)))
     of = Contribution(cell.site, cell.driver, (), column, np.zeros(0), f.gain)
@@ -216,8 +216,8 @@ def _curve(of: Contribution, state: State, c: Circumstances) -> Curve:
     p = state.problem
     along = of.driver.coordinate(of.site, c)
     rows = p.rows[p.contact[: p.lengths]]
-    fitted = of.motion[: p.lengths] * p.sigma
-    residual = state.residual[: p.lengths] * p.sigma + fitted
+    fitted = p.metres(of.motion)
+    residual = p.metres(state.residual) + fitted
     on = next((f.rows for f in c.faces if face(f.name) == of.site), np.ones(len(c.q)))
     keep = (state.weight[: p.lengths] > 0) & (on[rows] > 0)  # of a face, the contacts on it
     lever, unit = None, ""
@@ -228,7 +228,7 @@ def _curve(of: Contribution, state: State, c: Circumstances) -> Curve:
         best = np.argmax(np.abs(drivers), axis=1)
         index = np.arange(len(rows))
         size, sd = drivers[index, best], np.array([q.sd for q in of.parameters])
-        scaled = of.columns[: p.lengths][index, best] * p.sigma / sd[best]
+        scaled = p.metres(of.columns)[index, best] / sd[best]
         lever = np.where(size != 0, scaled / np.where(size != 0, size, 1.0), 0.0)[keep]
         unit = "rad" if next(iter(frames))[1][0] == "r" else "m"
     return Curve(along.label, along.values[rows][keep], residual[keep], fitted[keep], rows[keep], lever, unit)
