@@ -34,6 +34,9 @@ OF_ARM = ("arm", "effect", "unknown")
 """Kinds of items of the arm; others are of its surroundings: base, targets, tool."""
 REMOUNTED = "the tools were remounted: the tool of each session is its own, and its change is not judged"
 SCATTERED = "many of its measurements are outliers; whether it moved in between is not judged"
+UNDIRECTED = (
+    "a lost motion changed, and no direction of motion is stated (`j1_degps` ...): it is not in this pose"
+)
 NOT_PLACED = "no target is in two sessions: the base is not compared, nor the zero of the first joint"
 """Warnings."""
 
@@ -155,8 +158,11 @@ def changed(
         shifts = tuple(replace(s, shift=None if s.shift is None else -s.shift) for s in shifts)
         noise, of_stops = noise[::-1], of_stops[::-1]
     of_time = every[0][0].evidence.joint.dataset
+    changes = [p for m in sets.best.members for p in joint.items[m.item].parameters]
+    lost = any(p.driver.kind in ("direction", "flank") for p in changes)
     warnings = (
         *((REMOUNTED,) if remounted else ()),
+        *(f"pose {t.id or k}: {UNDIRECTED}" for k, t in enumerate(targets, 1) if lost and t.velocity is None),
         *(f"target {name}: {SCATTERED}" for name in sorted(joint.scattered)),
         *(() if joint.placed else (NOT_PLACED,)),
     )

@@ -109,12 +109,19 @@ def test_two_sessions_in_the_other_order_have_the_same_changes_reversed():
         rows_of(bc.simulate(**{**arm, "effects": effects}).dataset, np.arange(54), name)
         for name, effects in (("new", "geometry"), ("worn", "geometry, backlash"))
     )
-    there, back = changed([new, worn], ("geometry",)), changed([worn, new], ("geometry",))
+    way = Target("t:2", readings=new.measurements.readings[0], velocity=np.full(6, 0.1), id="way")
+    poses = [way, replace(way, velocity=None, id="still")]
+    there, back = (changed(both, ("geometry",), targets=poses) for both in ([new, worn], [worn, new]))
     assert there.verdict == back.verdict == "changed"
     assert there.same == pytest.approx(back.same, rel=1e-6)
     assert [s.name for s in back.sessions] == ["worn", "new"]
     assert back.noise == pytest.approx(there.noise[::-1])
     assert there.distances.largest == pytest.approx(-back.distances.largest)
+    assert np.linalg.norm(there.shifts[0].shift) > 1e-5
+    assert there.shifts[0].shift == pytest.approx(-back.shifts[0].shift)
+    # lost motion of an unknown direction is not in the displacement, which has no U of it
+    assert np.all(there.shifts[1].shift == 0.0)
+    assert [w.partition(":")[0] for w in there.warnings if "lost motion" in w] == ["pose still"]
     pairs = list(zip(there.differences, back.differences, strict=True))
     for one, other in pairs:
         assert one.item.name == other.item.name
@@ -184,6 +191,9 @@ def test_targets_that_are_described_otherwise_are_not_one_target(sessions):
     assert f"A:{b.targets[0].name}" in {t.name for t in joint.targets}
     assert placed == {t.name for t in b.targets[1:]}
     assert len(joint.targets) == len(a.targets) + 1
+    # a certificate of targets that did not move counts once, as one session states it
+    assert tied(joined([a, b], own_noise=False))[0].certificates == a.certificates != ()
+    assert len(joint.certificates) > len(a.certificates)
     # sessions of other arms and single ones are refused
     with pytest.raises(BayescalError, match="needs two sessions"):
         changed([a], ("geometry",))

@@ -1,16 +1,19 @@
 """URDF chains as DH rows, against Pinocchio on the same text; and what is refused."""
 
+import re
 from contextlib import suppress
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdf_texts import arm, joint, link, robot
+from urdf_texts import arm, joint, link, robot, words
 
 from bayescal import robots
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.errors import BayescalError
+from bayescal.logs.types import mechanism_of
+from bayescal.motion.dynamics import regressor
 from bayescal.robots import load_robot, robot_to_yaml
 
 GRAVITY = np.array([1.0, -2.0, -9.0])
@@ -52,6 +55,26 @@ def test_moves_and_hangs_as_pinocchio_says(tmp_path, n, slides, style):
     np.testing.assert_array_equal(np.flatnonzero(found.slides) + 1, slides)
     again = read(tmp_path, robot_to_yaml(found), "again.yaml")
     np.testing.assert_allclose(ours(again, readings), poses, atol=1e-11)
+
+
+def test_bodies_take_torques_as_pinocchio_says(tmp_path):
+    """Of uneven bodies whose axes are turned against those of their links, some of them on fixed joints."""
+    rng = np.random.default_rng(2)
+
+    def uneven(match):
+        (xx, xy, xz), (_, yy, yz), (*_, zz) = (root := rng.standard_normal((3, 3))) @ root.T
+        parts = {"ixx": xx, "iyy": yy, "izz": zz, "ixy": xy, "ixz": xz, "iyz": yz}
+        six = " ".join(f'{key}="{float(value)!r}"' for key, value in parts.items())
+        return f'{match[1]} rpy="{words(rng.uniform(-2, 2, 3))}"/>{match[2]}<inertia {six}/>'
+
+    text = re.sub(r"(<inertial><origin [^>]*)/>(<mass [^>]*>)<inertia [^>]*>", uneven, arm(1, 4, "skew"))
+    m, _ = mechanism_of(read(tmp_path, text, "arm.urdf#tip"))
+    model = pin.buildModelFromXML(text)
+    model.gravity.linear = GRAVITY
+    motions = rng.uniform(-2, 2, (3, 5, 4))
+    found = np.einsum("cjkp,kp->cj", regressor(m, *motions, GRAVITY), m.inertials)
+    expected = [pin.rnea(model, model.createData(), *each) for each in zip(*motions, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
 
 
 PLAIN = robot(
