@@ -24,6 +24,7 @@ from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
 from bayescal.motion.settings import EVENTS, NOISE, RELATIVES, SEARCH
 from bayescal.motion.signals import Signals, root_mean_square
+from bayescal.storage.temporary import Temporary
 
 
 def beside(
@@ -152,7 +153,7 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
 
 
 def _unlisted(form: Form, columns: Sparse, sd: float) -> Unlisted:
-    count = next(iter(columns[0].values())).shape[1]
+    count = next(iter(columns[0].values()))().shape[1]
     terms = tuple(form.term("1", sd, part=f"function {k + 1}") for k in range(count))
     return Unlisted(form, terms, columns)
 
@@ -212,7 +213,8 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
                 end = event.row + len(event.pulse)
                 weight = parts[event.motion].weight[event.row : end, j]
                 columns[event.motion][event.row : end, k] = weight * event.pulse * bank.size[j]
-            yield form, sum(c.gain for c in chosen), [{j: x} for x in columns]
+            put = Temporary().put
+            yield form, sum(c.gain for c in chosen), [{j: put(x)} for x in columns]
 
 
 def surprise(white: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -282,10 +284,10 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
     instead = bool(replaced[i] > np.max(modulated))
     k = origin[i] if instead else int(np.argmax(modulated))
     form = replace(member.form, effect=UNKNOWN, driver=f"{member.form.driver} times {given[k].name}")
-    columns = []
+    columns, put = [], Temporary().put
     for p, (_, _, of_motion) in zip(rows, bank.motions(), strict=True):
         by = _factors(of_motion[k])[i % 2][:, None] if instead else of_motion[k].functions
-        columns.append({c: (p[:, c, None] * by).astype(np.float32) for c in live.tolist()})
+        columns.append({c: put(p[:, c, None] * by) for c in live.tolist()})
     # a part of what a name explains may belong to its form
     forgiven = SEARCH.form * max(fit.log_evidence - without.log_evidence, 0.0)
     gain = float(logsumexp(np.r_[modulated, replaced])) - forgiven

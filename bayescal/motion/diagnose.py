@@ -183,9 +183,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         progress("search", 0.4 + 0.2 * k)
         search = pool.search(normal(motions, noise))
         fit = search.fit(members := search.run()[0].members)
-        del search  # with the columns, much of the memory of a long log
         if any(m.form.effect == DELAY for m in members) and log.torque_kind != SERVO:
-            del pool, motions
             pool = Pool.of(estimate := estimate.relinearised(fit))
             motions = pool.table.of_role(CALIBRATE)
         noise = noise_about(motions, fit)
@@ -195,7 +193,6 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     hypotheses = whole.run()
     progress("causes beside the list", 0.7)
     pool, hypotheses = beside(pool, noise, whole, hypotheses)
-    del motions, whole  # of the columns before
     seen = normal(pool.table.of_role(CALIBRATE), noise, seen)
     held = normal(pool.table.of_role(VALIDATE), noise, held)
     search, whole = pool.search(seen), pool.search(joined(seen, held))

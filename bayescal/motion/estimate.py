@@ -142,7 +142,6 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
         moves = [k for k, term in enumerate(table.terms) if not term.name.startswith(FORM)]
         fit = fitted(normal(table, out.noise), moves)
         noise = noise_about(table, fit)
-        del table  # before the next: half the memory of a long log
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
         model = start.moved(fit.values)
         if k == NOISE.held and log.torque_kind != SERVO:

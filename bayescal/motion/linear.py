@@ -17,10 +17,11 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Term, assembled
+from bayescal.storage.temporary import Block, Temporary
 
 Columns = Callable[[Signals], Iterable[Column]]
-Sparse = Sequence[Mapping[int, np.ndarray]]
-"""Columns by motion, (M, k) of each channel that has them."""
+Sparse = Sequence[Mapping[int, Block]]
+"""Columns (M, k) by motion, of each channel that has them."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,11 @@ class Part:
     weight: np.ndarray
     residual: np.ndarray
     numbers: tuple[np.ndarray, ...]
-    blocks: tuple[tuple[np.ndarray, ...], ...]  # of columns; single precision: an hour of log has 10^8 values
+    blocks: tuple[tuple[Block, ...], ...]  # of columns
 
     def of(self, channel: int) -> tuple[np.ndarray, np.ndarray]:
         """Numbers (K,) of the terms that act in a channel, and their columns (M, K)."""
-        blocks = self.blocks[channel]
+        blocks = [block() for block in self.blocks[channel]]
         return self.numbers[channel], blocks[0] if len(blocks) == 1 else np.hstack(blocks)
 
     @property
@@ -76,7 +77,7 @@ class Table:
             for (terms, columns), first in zip(further, starts.tolist(), strict=False):
                 for c, x in columns[m].items():
                     numbers[c] = np.r_[numbers[c], first + np.arange(len(terms))].astype(int)
-                    values[c] = (*values[c], x.astype(np.float32))
+                    values[c] = (*values[c], x)
             parts.append(replace(part, numbers=tuple(numbers), blocks=tuple(values)))
         return Table((*self.terms, *(t for terms, _ in further for t in terms)), tuple(parts))
 
@@ -96,7 +97,7 @@ def predicted(table: Table, fit: Fit, names: Sequence[str]) -> list[np.ndarray]:
 
 def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Signals], np.ndarray]) -> Table:
     """The columns of some motions."""
-    out: list[Part] = []
+    out, put = list[Part](), Temporary().put
     terms: tuple[Term, ...] = ()
     for s in each(parts):
         names, numbers, values = assembled(columns(s), s)
@@ -105,7 +106,7 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
         kept = [s.kept(x * w[:, None]).astype(np.float32) for x, w in zip(values, weight.T, strict=True)]
         acting = [np.any(x, axis=0) for x in kept]  # many functions of time are 0 in a motion
         chosen = tuple(np.array(k, int)[there] for k, there in zip(numbers, acting, strict=True))
-        rows = tuple((np.compress(there, x, axis=1),) for x, there in zip(kept, acting, strict=True))
+        rows = tuple((put(np.compress(there, x, axis=1)),) for x, there in zip(kept, acting, strict=True))
         out.append(Part(s, s.kept(weight), s.kept(residual(s) * weight), chosen, rows))
     return Table(terms, tuple(out))
 

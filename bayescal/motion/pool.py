@@ -25,6 +25,7 @@ from bayescal.motion.search import SCALE_PRIOR, SCALES, Search
 from bayescal.motion.settings import CELLS, FORMS, SEARCH, SIGNALS
 from bayescal.motion.signals import Signals, each, low_passed
 from bayescal.motion.terms import Column, Operating, Term, by_channel, channel, displaced
+from bayescal.storage.temporary import Block, Temporary
 
 MOVES, BEHIND = "a torque of the arm", "an angle behind the gear"
 """Settings of a product: under its torque a servo moves, so that it is no error of the torques' measurement;
@@ -182,9 +183,9 @@ class Bank:
     def columns(self, p: Product) -> Sparse:
         """Columns of a product, N m and rad."""
         count = self.first[p.argument].functions.shape[1]
-        out = []
+        out, put = list[dict[int, Block]](), Temporary().put
         for part, k, given in self.motions():
-            s, of_motion = part.signals, {}
+            s, of_motion = part.signals, dict[int, np.ndarray]()
             for i, j in enumerate(p.joints):
                 size = self.size[j] if p.kind == TORQUE else FORMS.deflection
                 values = size * RESPONSES[p.response](k, j)[:, None] * given[p.argument].functions
@@ -195,7 +196,7 @@ class Bank:
                 for c, x in channels.items():
                     of_motion[c] = np.zeros((len(x), count * len(p.joints)), np.float32)
                     of_motion[c][:, i * count : (i + 1) * count] = part.weight[:, c, None] * x
-            out.append(of_motion)
+            out.append({c: put(x) for c, x in of_motion.items()})
         return out
 
 

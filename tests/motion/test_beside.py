@@ -1,6 +1,7 @@
 """Causes that are in no list: products of quantities, relatives of names, and events."""
 
 import re
+import tracemalloc
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -29,6 +30,7 @@ from bayescal.motion.quantities import RESPONSES, UNKNOWN, resonated
 from bayescal.motion.search import Hypothesis, Member
 from bayescal.motion.settings import EVENTS, PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import root_mean_square
+from bayescal.storage.temporary import Temporary
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +142,7 @@ def test_events_are_found_where_they_are(pool, monkeypatch):
     for part, x in zip(changed.table.parts, columns, strict=True):
         assert list(x) == [2]
         if part.signals.role == CALIBRATE:
-            begins = part.signals.kept(part.signals.time)[np.argmax(np.max(np.abs(x[2]), axis=1) > 0.1)]
+            begins = part.signals.kept(part.signals.time)[np.argmax(np.max(np.abs(x[2]()), axis=1) > 0.1)]
             assert begins == pytest.approx(where[part.signals.name], abs=0.15)
     assert not list(events(pool.bank(pool.estimate.noise), search_of(pool).fit()))
     # in a slow log a short pulse is like a wrong reading
@@ -185,8 +187,8 @@ def test_further_columns_change_the_normal_equations_by_a_border(pool):
     noise = pool.estimate.noise
     form = Form(UNKNOWN, "joint 1", "made")
     terms = (form.term("N m", 0.5, part="a"), form.term("N m", 2.0, part="b"))
-    rng = np.random.default_rng(0)
-    columns = [{c: rng.normal(size=(len(p.residual), 2)) for c in (0, 2)} for p in pool.table.parts]
+    rng, put = np.random.default_rng(0), Temporary().put
+    columns = [{c: put(rng.normal(size=(len(p.residual), 2))) for c in (0, 2)} for p in pool.table.parts]
     wide = pool.extended([Unlisted(form, terms, columns)])
     before = normal(pool.table, noise)
     whole, border = normal(wide.table, noise), normal(wide.table, noise, before)
@@ -205,6 +207,18 @@ def test_further_columns_change_the_normal_equations_by_a_border(pool):
     rows = np.searchsorted(s.unfiltered(s.time), s.kept(s.time) - 0.5 * s.step)
     assert (plain - left)[rows, 0] == pytest.approx(3.0 * column, abs=0.02)
     assert not np.any((plain - left)[:, 1])
+
+
+def test_columns_are_in_a_file():
+    """An hour of log has more of them than fit into the memory of a small machine."""
+    put, x = Temporary().put, np.random.default_rng(0).normal(size=(400, 3000))[:, ::2]
+    tracemalloc.start()
+    blocks = [put(x) for x in (x, x[:0], x[:, :0], x.T)]
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert held < 0.01 * x.nbytes
+    for block, values in zip(blocks, (x, x[:0], x[:, :0], x.T), strict=True):
+        assert np.array_equal(block(), values.astype(np.float32))
 
 
 def test_noise_of_repeats_counts_where_it_is_clearly_smaller():
@@ -327,7 +341,8 @@ def test_a_relative_is_fitted_as_it_was_weighed(pool, monkeypatch, replaces):
     search = search_of(pool)
     member = Member(next(f for f, _ in search.forms if f.site == "joint 2"), 1.0)
     form = replace(member.form, effect=UNKNOWN, driver="made up")
-    columns = [{1: np.ones((len(p.residual), 1), np.float32)} for p in pool.table.parts]
+    put = Temporary().put
+    columns = [{1: put(np.ones((len(p.residual), 1)))} for p in pool.table.parts]
     other = Hypothesis((Member(Form(UNKNOWN, "joint 1", "time"), 1.0),), -50.0, 0.0)
     monkeypatch.setattr("bayescal.motion.beside.relative", lambda *_: Relative(form, 3.0, columns, replaces))
     monkeypatch.setattr("bayescal.motion.beside._unknown", lambda *_: (other, None, []))
