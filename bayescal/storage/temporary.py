@@ -23,6 +23,8 @@ class Temporary:
     def put(self, x: np.ndarray) -> Block:
         """Append columns (M, k)."""
         start, shape = self._file.tell(), x.shape
+        if not x.size:  # nothing cannot be mapped
+            return lambda: np.empty(shape, np.float32)
         self._file.write(np.ascontiguousarray(x, np.float32).data)
         self._file.flush()
         return lambda: np.asarray(np.memmap(self._file, np.float32, "r", start, shape))
