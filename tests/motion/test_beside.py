@@ -219,6 +219,7 @@ def test_columns_are_in_a_file():
     assert held < 0.01 * x.nbytes
     for block, values in zip(blocks, (x[:0], x[:, :0], x, x.T), strict=True):
         assert np.array_equal(block(), values.astype(np.float32))
+    assert Temporary().put(x[:0])().shape == (0, 1500)  # of a log in which nothing moves
 
 
 def test_noise_of_repeats_counts_where_it_is_clearly_smaller():
