@@ -69,7 +69,12 @@ def test_of_a_null_log_nothing_is_named(gaps):
 def test_the_shift_of_torques_is_that_of_the_baseline(gaps, null_estimate):
     shift = null_estimate.model.shift[0]
     assert shift != 0.0
-    assert gaps["null"].record["torque_shift_ms"] == pytest.approx(1e3 * shift, rel=0.05)
+    gap, found = gaps["null"].data, gaps["null"].record["torque_shift_ms"]
+    assert found == pytest.approx(1e3 * shift, rel=0.05)
+    part, *others = gap.estimate.parts
+    stated = replace(part, log=replace(part.log, alignment=part.log.alignment + 0.25))
+    late = replace(gap, estimate=replace(gap.estimate, parts=(stated, *others)))
+    assert of_log.motion_record(late)["torque_shift_ms"] == pytest.approx(found + 250.0)
 
 
 def test_the_alignment_that_check_advises_makes_a_late_log_a_null_log(tmp_path):
