@@ -154,7 +154,7 @@ THERMAL_DRIFT = Effect(
     _missing,
     Scan(
         "time constant of the warm-up, s",
-        "warm-up time constant about {:.0f} s (u not determined)",
+        "",  # its u is not determined: it is in the name of the model alone
         _constants,
         _warming,
     ),

@@ -288,7 +288,7 @@ class Effect:
     scan : Scan, optional
         A setting in which it is not linear.
     whole : bool
-        It acts on the whole arm at once, not at a single site.
+        It usually acts on the whole arm at once: a single site is another form of it.
     alternatives : bool
         Its sites are alternatives: without a site, its name means the first one.
     phrase : (str, str)

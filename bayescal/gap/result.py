@@ -67,6 +67,10 @@ class Curve:
     unit: str = ""  # SI, of that displacement: "rad" or "m"
 
 
+TOGETHER = "displacement of the TCP by all of its parts, RMS"
+"""The amplitude of an effect of which no part is significant alone."""
+
+
 @dataclass(frozen=True)
 class Amplitude:
     """The amplitude of an effect at one site, SI: a named one from the refit, or an unmodelled one."""

@@ -144,10 +144,15 @@ def test_what_sets_in_or_lags_is_unknown_where_it_is(bench, term, site, driver):
     assert (str(left.site), str(left.driver)) == (site, driver)
 
 
-def test_drift_is_named_of_an_arm_as_a_whole(bench):
-    """A joint that alone wanders has another cause; a joint that alone has play has not."""
-    assert all(v.site == "" for v in bench.known.variants["thermal-drift"])
-    assert any(v.site == "joint 4" for v in bench.known.variants["backlash"])
+def test_drift_of_one_joint_is_that_of_the_joint_and_of_all_that_of_the_arm(bench):
+    """All sites with widths of their own share out the drift of one, and no part of it is clear."""
+    every = bench.known.variants["thermal-drift"]
+    assert np.sum(np.exp([v.log_prior for v in every])) == pytest.approx(1.0)
+    assert all(v.site == "" for v in every if isinstance(v.setting, str))
+    for site, of in (("joint 4", "joint 4"), ("", "")):
+        there = bench.of_effect("thermal-drift", STRONG, seed=3, site=site)
+        (member,) = bench.decided(bench.made_up(31, there))[0].members
+        assert (member.effect, member.variant.site) == ("thermal-drift", of)
 
 
 def test_what_comes_after_a_first_name_is_less_likely(bench):

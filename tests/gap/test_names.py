@@ -314,6 +314,35 @@ def test_only_what_is_significant_is_told(found):
     assert [str(a.site) for a in stated(none, "backlash")] == ["joint 2"]  # the largest one of the effect
 
 
+def test_a_sum_is_told_whose_parts_are_not_significant(cube):
+    """Every joint 2.4 u off: the displacement of all together, by finite differences of the positions."""
+    fitted = unsolved(cube(seed=1).dataset, (*BASELINE, "backlash"), off=0.0)
+    model, z = fitted.model, np.zeros(len(fitted.z))
+    own = [k for k, name in enumerate(model.names) if name.startswith("backlash")]
+    z[own] = 0.12
+    fitted = replace(fitted, z=z, covariance=0.05**2 * np.eye(len(z)))
+    each = [Named("backlash", "backlash", (), "", 1.0, 0.0)]
+    *parts, whole = amplitudes(fitted, fitted.covariance, each)
+    assert not any(a.significant for a in parts)
+    assert whole.significant
+    motion = model.motion(np.unique(np.concatenate([b.rows for b in model.blocks])))
+
+    def there(x):
+        return motion.points(model.deviations(x[: len(model.parameters)]))
+
+    def moved(x):
+        return float(np.sqrt(np.mean(np.sum((there(x) - there(0.0 * x)) ** 2, axis=0))))
+
+    ways = [moved(z + 0.01 * np.eye(len(z))[k]) - moved(z - 0.01 * np.eye(len(z))[k]) for k in own]
+    u = 0.05 * np.linalg.norm(np.array(ways) / 0.02)
+    assert (whole.value, whole.u) == pytest.approx((moved(z), u), rel=1e-3)
+    gap = SimpleNamespace(amplitudes=(*parts, whole))
+    assert lines(gap)[0].startswith("backlash of the arm: displacement of the TCP by all of its parts, RMS ")
+    assert named(each[0], gap).startswith("at least one joint has lost motion")
+    fitted = replace(fitted, z=0.1 * z)
+    assert not any(a.significant for a in amplitudes(fitted, fitted.covariance, each))
+
+
 def test_entries_of_amplitudes_have_the_numbers_of_their_lines(found):
     """In the units of their keys: gap.json beside the terminal."""
     gap = SimpleNamespace(amplitudes=found[0].amplitudes, levels=(), verdict=SimpleNamespace(named=()))

@@ -16,19 +16,20 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.consistency import copies, rounded
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
-from bayescal.effects.location import BASE, DEVIATION, Value, face, propagated
+from bayescal.effects.location import ARM as WHOLE
+from bayescal.effects.location import BASE, CONSTANT, DEVIATION, Value, face, propagated
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 from bayescal.estimate.unexplained import stated_noise
 from bayescal.gap.outcome.magnitude import difference, log_predictive
-from bayescal.gap.result import Amplitude, Named
+from bayescal.gap.result import TOGETHER, Amplitude, Named
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import IMAGES_LEFT_OUT, LEFT_OUT
-from bayescal.predict.errors import ValidationErrors, kept
+from bayescal.predict.errors import ValidationErrors, by_points, kept
 from bayescal.statistics import chi2_sf, rms
 
 
@@ -212,7 +213,8 @@ def amplitudes(final: Estimate, covariance: np.ndarray, named: Sequence[Named]) 
     Notes
     -----
     The amplitude of k parameters is significant where x' C^-1 x exceeds the quantile of chi-squared, of k
-    degrees of freedom, at `OUTCOME.significant` over the number of amplitudes of the effect.
+    degrees of freedom, at `OUTCOME.significant` over the number of amplitudes of the effect. Where none is,
+    and all parameters of the effect together are, their displacement of the TCP is one more.
     """
     return tuple(a for n in named for a in _of(final, covariance, Selection.read(n.model)))
 
@@ -223,7 +225,7 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
     values = model.deviations(final.z[:count])
     covariance = covariance[:count, :count] * np.outer(model.sd, model.sd)
     effect, robot = EFFECTS[asked.effect], model.scene.dataset.robot
-    groups = list(_groups(model.parameters, asked.among(model.parameters)))
+    groups, clear = list(_groups(model.parameters, asked.among(model.parameters))), False
     for (site, driver, unit), index in groups:
         size = effect.sizes.get(unit, DEVIATION)
         x, c = values[index], covariance[np.ix_(index, index)]
@@ -232,8 +234,33 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
             value = value + model.parameters[index[0]].nominal
         p = float(chi2_sf(x @ np.linalg.solve(c, x), len(x)))
         phase = None if size.phase is None or len(x) != 2 else phase_shown(size.phase, x, c, driver, robot)
-        names, clear = tuple(model.parameters[k].name for k in index), p * len(groups) < OUTCOME.significant
-        yield Amplitude(asked.effect, site, driver, names, size.what, value, u, unit, phase, clear)
+        names, here = tuple(model.parameters[k].name for k in index), p * len(groups) < OUTCOME.significant
+        clear = clear or here
+        yield Amplitude(asked.effect, site, driver, names, size.what, value, u, unit, phase, here)
+    every = [k for _, index in groups for k in index]
+    if not clear and len(groups) > 1:
+        yield from _together(final, asked.effect, every, values[every], covariance[np.ix_(every, every)])
+
+
+def _together(
+    final: Estimate, effect: str, every: list[int], x: np.ndarray, c: np.ndarray
+) -> Iterable[Amplitude]:
+    """What all parameters of an effect do at the fitted measurements, where only all together are clear.
+
+    The root mean square of the displacements J x of the TCP: a sum is determined whose parts are not.
+    """
+    if float(chi2_sf(x @ np.linalg.solve(c, x), len(x))) >= OUTCOME.significant:
+        return
+    motion = final.model.motion(np.unique(np.concatenate([b.rows for b in final.model.blocks])))
+    deviations = final.model.deviations(final.z[: len(final.model.parameters)])
+    by = by_points(motion, deviations, motion.points(deviations))[:, every]
+    if not np.any(by):  # of a contact or a certificate
+        return
+    square = np.einsum("apn,aqn->pq", by, by) / by.shape[2]
+    value = float(np.sqrt(x @ square @ x))
+    u = float(np.sqrt(x @ square @ c @ square @ x)) / value
+    names = tuple(final.model.parameters[k].name for k in every)
+    yield Amplitude(effect, WHOLE, CONSTANT, names, TOGETHER, value, u, "m", None, True)
 
 
 def phase_shown(

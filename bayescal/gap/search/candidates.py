@@ -252,7 +252,7 @@ def _subsets(
     single = _at_sites(effect, value, parameters, first)
     places = tuple(place for one in single for place in one.places)
     every = Variant(effect.name, value, (), np.arange(first, first + len(parameters)), log_prior, places)
-    if len(single) == 1 or effect.whole:
+    if len(single) == 1 or (effect.whole and isinstance(value, str)):
         return [every]
     if effect.alternatives:  # the first site, or one of the others, which share `SEARCH.other_forms`
         usual = log_prior + float(np.log(1.0 - SEARCH.other_forms))
@@ -260,9 +260,10 @@ def _subsets(
         others = [replace(one, log_prior=other) for one in single[1:]]
         return [replace(single[0], sites=(), log_prior=usual), *others]
     single = [one for one in single if not sites or one.sites[0] in sites]
-    half = log_prior - np.log(2.0)
-    alone = half - np.log(len(single))
-    return [replace(every, log_prior=half), *(replace(one, log_prior=alone) for one in single)]
+    share = SEARCH.other_forms if effect.whole else 0.5
+    alone = log_prior + float(np.log(share / len(single)))
+    every = replace(every, log_prior=log_prior + float(np.log1p(-share)))
+    return [every, *(replace(one, log_prior=alone) for one in single)]
 
 
 def _at_sites(effect: Effect, value: Setting, parameters: Sequence[Parameter], first: int) -> list[Variant]:

@@ -13,7 +13,7 @@ from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.location import ARTEFACT, BASE, DEVIATION, Site, of_sign
 from bayescal.effects.vocabulary import unit_label
-from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
+from bayescal.gap.result import TOGETHER, Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.origin import entry, sized
 from bayescal.reporting.text import listed, measured, with_u
 
@@ -276,7 +276,7 @@ def stated(gap: Gap, effect: str) -> tuple[Amplitude, ...]:
 def sites(gap: Gap, effect: str) -> tuple[tuple[Site, ...], bool]:
     """Sites with a significant amplitude, and whether these are all sites of the effect in the refit."""
     amplitudes = [a for a in gap.amplitudes if a.effect == effect]
-    clear = tuple(dict.fromkeys(a.site for a in amplitudes if a.significant))
+    clear = tuple(dict.fromkeys(a.site for a in amplitudes if a.significant and a.what != TOGETHER))
     return clear, len(clear) == len({a.site for a in amplitudes})
 
 
