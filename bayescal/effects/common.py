@@ -60,6 +60,13 @@ def turned(robot: Robot, joint: int, driver: np.ndarray, side: str) -> tuple[Ter
     return tuple(Term(i, axis, share * driver) for i, (axis, share) in enumerate(column, start=1) if share)
 
 
+def added_load(c: Circumstances) -> np.ndarray:
+    """Load (N,), kg, beyond the least with the same tool."""
+    least = np.full(int(np.max(c.tool)) + 1, np.inf)
+    np.minimum.at(least, c.tool, c.load_mass)
+    return np.asarray(c.load_mass - least[c.tool])
+
+
 def by_reading(robot: Robot, joint: int, order: float = 0.0, form: str = "") -> Driver:
     """The driver of an error by the angle of `joint` (from 1), or by the position of a prismatic one."""
     return Driver("position" if robot.slides[joint - 1] else "angle", joint, order, form)

@@ -310,13 +310,22 @@ def _elsewhere(c: Circumstances) -> list[Parameter]:
 
 def _added(c: Circumstances) -> list[Parameter]:
     """The load beyond the least with the same tool; nothing where the rows to fit carry the same load."""
-    least = {t: np.min(c.load_mass[c.tool == t]) for t in np.unique(c.tool).tolist()}
-    mass = c.load_mass - np.array([least[t] for t in c.tool.tolist()])
+    mass = common.added_load(c)
     if not np.any(mass[c.fitted] > ADDED):
         return []
     of_mass, *of_shifts = _loads(c, mass)
     share = _parameter(c, "added share", "1", SHARE_SD, of_mass)
     return [*share, *_shifted(c, "added centre", "m", SHIFT_SD, of_shifts)]
+
+
+def _holder(c: Circumstances) -> list[Parameter]:
+    """What holds the added loads; nothing where these are all alike, as `_added` is then."""
+    held = common.added_load(c) > ADDED
+    added = common.added_load(c)[c.fitted[held[c.fitted]]]
+    if not len(added) or np.ptp(added) <= ADDED:
+        return []
+    of_mass = _parameter(c, "of the holder", "kg", PAYLOAD_SD, _loads(c, held.astype(float))[0])
+    return [replace(p, driver=Driver("load")) for p in of_mass]
 
 
 def _payload_missing(c: Circumstances) -> str:
@@ -345,6 +354,7 @@ PAYLOAD = Effect(
         common.by_session(_payload),
         Form("elsewhere", "a mass that hangs elsewhere than the tool's centre of mass", _elsewhere),
         Form("added", "an added load that hangs elsewhere, or differs in mass", _added),
+        Form("holder", "a mass that rows with an added load have in common", _holder),
     ),
     simulated_within=2e-8,
 )
@@ -357,9 +367,10 @@ Driver: the gravity moments of one kilogram at the tool's centre of mass times t
 (`deflection`). The value in kilograms is only as accurate as these compliances. Prior: 0.3 kg (assumed: the
 mass of a probe, its cable and its bracket is an estimate).
 
-Two further forms have more unknowns, and pay for them in the evidence. In ``payload@elsewhere`` the mass
-hangs elsewhere than the tool's centre of mass: its first moment about that centre is free, with a prior of
-0.03 kg m (0.3 kg at 0.1 m). In ``payload@added`` the load that some rows carry beyond the others differs from
-the stated one: its mass by a share (prior 0.3) and its centre by a shift (prior 0.06 m; assumed: a load that
-is clamped by hand hangs some centimetres off).
+Further forms: in ``payload@elsewhere`` the mass hangs elsewhere than the tool's centre of mass: its first
+moment about that centre is free, with a prior of 0.03 kg m (0.3 kg at 0.1 m). In ``payload@added`` the load
+that some rows carry beyond the others differs from the stated one: its mass by a share (prior 0.3) and its
+centre by a shift (prior 0.06 m; assumed: a load that is clamped by hand hangs some centimetres off). In
+``payload@holder`` all rows with such a load have the same further mass: a gripper or an adapter that holds
+it. It needs loads of two sizes. Forms with more unknowns pay for them in the evidence.
 """

@@ -133,6 +133,7 @@ FORMS = {
     "u": ("{}, along u", "{}, across the image"),
     "v": ("{}, along v", "{}, down the image"),
     "anew": ("{}, anew", "{}, at each image anew"),
+    "repeats": ("{}, not smoothly", "{}, not smoothly"),
     "smooth": ("{}, smoothly", "{}, a smooth function of it"),
     "waves": ("{}, 3 to 20 waves a turn", "{}, 3 to 20 periods per revolution"),
     "to and fro": ("{}, to and fro", "{}, oscillating"),
@@ -251,6 +252,10 @@ def _temperature(d: Driver, site: Site, c: Circumstances) -> Found:
     return None if c.temperature is None else Coordinate("temperature", "degC", c.temperature)
 
 
+def _load(d: Driver, site: Site, c: Circumstances) -> Found:
+    return Coordinate("load on the flange", "kg", c.load_mass)
+
+
 def _speed(d: Driver, site: Site, c: Circumstances) -> Found:
     return None if c.speed is None else Coordinate("speed of contact", "mm/s", 1e3 * c.speed)
 
@@ -281,6 +286,7 @@ KINDS = {
     "reading": Kind("reading", "each new reading", _angle),
     "time": Kind("time", "time", _time),
     "temperature": Kind("temperature", "temperature", _temperature),
+    "load": Kind("load", "load on the flange", _load),
     "event": Kind("moment", "row of the event", _time),
     "base moment": Kind("base moment", "gravity moment on the base", _base_moment),
     "bending moment": Kind("bending moment", "bending moment of the link"),

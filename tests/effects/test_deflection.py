@@ -102,6 +102,20 @@ def test_the_centre_of_an_added_load_acts_in_the_rows_that_carry_it(cube):
         parameters_of(("payload@added",), circumstances(unloaded(dataset)))
 
 
+def test_what_holds_the_loads_acts_alike_under_each_of_them(cube):
+    """With loads of one size it is a share of them, and no form of its own."""
+    dataset = cube(seed=3, count=24).dataset
+    payload = np.array([0.0, 2.0, 5.0])[np.arange(24) % 3]
+    c = circumstances(with_columns(dataset, payload=payload))
+    whole, held = (
+        {p.effect: p for p in parameters_of((s,), c)}["payload"] for s in ("payload", "payload@holder")
+    )
+    for a, b in zip(whole.terms, held.terms, strict=True):
+        np.testing.assert_allclose((payload > 0) * a.driver, b.driver, rtol=1e-9, atol=1e-15)
+    with pytest.raises(BayescalError, match="has no parameters here"):
+        parameters_of(("payload@holder",), circumstances(with_columns(dataset, payload=payload % 3)))
+
+
 def test_an_error_of_a_mass_moves_every_compliant_site(cube):
     """By differences of the gravity moments of all frames, times the compliances of the sites."""
     scene = Scene(cube(seed=3, count=24).dataset)

@@ -197,6 +197,21 @@ def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
     assert not np.any(first.curve.fitted)
 
 
+def test_repetitions_tell_an_error_of_the_reading_from_one_of_the_pose(bench):
+    """Of contacts repeated at equal readings the first differs between them, the second does not."""
+    c = bench.circumstances
+    twice = np.arange(len(c.q)) // 2 * 2
+    label = np.where(twice < 20, twice.astype(str), "")
+    again = replace(c, readings=c.readings[twice], repeat=label)
+    anew, same = (k.clusters for k in cell_kinds.scatter(again) if k.site == joint(2))
+    first = anew[::2] == anew[1::2]
+    assert not np.any(first[:10])
+    assert np.all(first[10:])
+    assert np.all(same[::2] == same[1::2])
+    (only,) = (k for k in cell_kinds.scatter(replace(again, repeat=None)) if k.site == joint(2))
+    assert only.driver == Driver("reading", 2)
+
+
 KINDS = ((joint(2), Driver("two angles")), (BASE, Driver("base moment", form="sign")))
 
 

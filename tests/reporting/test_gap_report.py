@@ -439,11 +439,12 @@ def test_every_cause_is_of_a_cell_of_a_session(causes_session):
     found, images = set(), camera_session(images=8, seed=1)
     minutes = np.arange(len(images.measurements.ids), dtype=float)
     warming = with_columns(images, time=60.0 * minutes, temperature=20.0 + np.sqrt(minutes))
-    tracked = read_points(count=120).dataset
-    for scene in map(Scene, (causes_session, warming, tracked)):
+    rows, tracked = np.arange(len(causes_session.measurements.ids)), read_points(count=120).dataset
+    loaded = with_columns(causes_session, payload=rows % 3.0, repeat=(rows // 2).astype(str))
+    for scene in map(Scene, (loaded, warming, tracked)):
         of_session = cells(scene.circumstances(scene.rows("calibrate")))
         found |= {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
-    assert not set(CAUSES) - found
+    assert set(CAUSES) - found == set()
 
 
 # --- The headline, its footnotes, `effects` and the table of probabilities follow from one rule.
@@ -501,7 +502,8 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     amplitudes = (Amplitude("backlash", joint(3), by, (), *size),)
     levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0))
     verdict = replace(gap.verdict, named=(replace(named_effect, confirmed=confirmed),))
-    record = gap_record(replace(gap, amplitudes=amplitudes, levels=levels, verdict=verdict))
+    unchanged = {"amplitudes": amplitudes, "levels": levels, "shrinkage": ()}
+    record = gap_record(replace(gap, **unchanged, verdict=verdict))
     assert record["words"][0].startswith(word)
     assert record["named"][0]["possible"] == word.startswith("Possible") == (", but " in record["words"][0])
 
@@ -586,14 +588,18 @@ def test_a_model_is_used_as_it_is_only_without_a_significant_excess(session, low
     assert ("Find what makes errors larger than the noise" in said) != advised
 
 
+@pytest.mark.parametrize("several", [False, True])
 @pytest.mark.parametrize("low", [-0.2, 0.4])
-def test_an_insignificant_gain_is_stated_with_what_improves_all_the_same(session, low):
+def test_an_insignificant_gain_is_stated_with_what_improves_all_the_same(session, low, several):
+    """What improves by a single effect confirms it."""
     gap = diagnosis(session, "named")
-    levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=1.0, delta_elpd_se=6.0))
+    levels = (*gap.levels[:-1], *[replace(gap.levels[-1], delta_elpd=1.0, delta_elpd_se=6.0)] * (1 + several))
     fall = Shrinkage("distances", 6, 90e-6, 49e-6, 27e-6, 0.8, (low, 1.0), 50e-6, 27e-6, True)
-    said = gap_record(replace(gap, levels=levels, shrinkage=(fall,)))["words"][0]
-    assert "not significant (+1.0 ± 6.0 nats)" in said
-    assert ("although errors of distances fall significantly" in said) == (low > 0)
+    named = (*gap.verdict.named, *[replace(gap.verdict.named[0], effect="eccentricity")] * several)
+    verdict = replace(gap.verdict, named=named)
+    said = gap_record(replace(gap, levels=levels, shrinkage=(fall,), verdict=verdict))["words"][0]
+    assert ("not significant (+1.0 ± 6.0 nats)" in said) == (low < 0 or several)
+    assert ("although errors of distances fall significantly" in said) == (low > 0 and several)
 
 
 @pytest.mark.parametrize(("p", "word"), [(0.9, "Effect found"), (0.89, "Probable effect")])
@@ -750,7 +756,9 @@ def test_an_effect_that_calibration_rows_establish_is_found(session, probability
     )
     levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0))
     verdict = replace(gap.verdict, named=(replace(named_effect, probability=probability, confirmed=True),))
-    record = gap_record(replace(gap, amplitudes=(amplitude,), levels=levels, verdict=verdict))
+    same = tuple(replace(s, removed_interval95=(-0.2, 0.2)) for s in gap.shrinkage)
+    gap = replace(gap, amplitudes=(amplitude,), levels=levels, verdict=verdict, shrinkage=same)
+    record = gap_record(gap)
     assert record["words"][0].startswith(word)
     established = record["named"][0]["established"]
     assert proof in established

@@ -120,13 +120,17 @@ def travel(c: Circumstances) -> Iterator[Cell]:
 
 
 def scatter(c: Circumstances) -> Iterator[Cell]:
-    """Errors drawn anew at every reading of a joint, or at every pose, which repeated contacts do not show.
+    """Errors drawn anew at every reading of a joint; and at every pose, which repeated contacts do not show.
 
-    That of a pose is the lack of fit, whatever its location: more scatter than that of repeated contacts.
+    That of a pose is the lack of fit: more scatter than that of repeated contacts, whatever its location, or
+    at a joint, where it is any function of the angle.
     """
     for j in range(1, c.robot.n + 1):
-        clusters = makers.repeated(c, c.readings[:, j - 1])
-        yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
+        error, angle = (at_joint(c, j, [np.ones(len(c.q))]),), c.readings[:, j - 1]
+        every = [makers.repeated(c, angle, anew) for anew in (True, False)]
+        yield Cell(joint(j), Driver("reading", j), error, clusters=every[0])
+        if np.max(every[1]) < np.max(every[0]):
+            yield Cell(joint(j), by_reading(c.robot, j, form="repeats"), error, clusters=every[1])
     if np.any(c.touching):
         moved = at_contact(c.touching.astype(float), [np.ones(len(c.q))])
         yield Cell(ARM, Driver("pose"), (moved,), clusters=makers.repeated(c, c.readings))

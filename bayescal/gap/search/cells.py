@@ -18,7 +18,7 @@ import numpy as np
 from bayescal.arm.motion import IMAGE, TURN, Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, View
 from bayescal.effects.by_time import reflectors
-from bayescal.effects.common import by_reading, motion, sense, tilts
+from bayescal.effects.common import added_load, by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
 from bayescal.estimate.families import cosines
@@ -188,6 +188,8 @@ def _time(c: Circumstances) -> Iterator[Cell]:
     clocks = {"time": [order if c.time is None else c.time]}
     if c.temperature is not None:
         clocks["temperature"] = [c.temperature]
+    if np.ptp(added_load(c)[c.fitted]) > 0:
+        clocks["load"] = [added_load(c)]
     if c.time is not None:
         clocks |= {"count": [order], "activity": list(_activity(c, c.time)), "wait": list(_waits(c, c.time))}
     count = len(c.fitted)

@@ -11,7 +11,7 @@ from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, IMAGE, TURN, Term
 from bayescal.arm.statics import gravity_in_f0
 from bayescal.effects import Circumstances, Parameter, View, location
-from bayescal.effects.common import LINK, READING, base_terms, by_reading, sense, side_of, turned
+from bayescal.effects.common import LINK, READING, added_load, base_terms, by_reading, sense, side_of, turned
 from bayescal.effects.imaging import at_view
 from bayescal.effects.location import BASE, CAMERA, PROBE, TOOL, Driver, Site, joint
 from bayescal.estimate.families import cosines, unit_range
@@ -132,13 +132,16 @@ def measured(c: Circumstances) -> np.ndarray:
     return np.arange(len(c.q)) if c.time is None else np.argsort(c.time, kind="stable")
 
 
-def repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
-    """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact."""
+def repeated(c: Circumstances, readings: np.ndarray, anew: bool = False) -> np.ndarray:
+    """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact.
+
+    With `anew` each repetition has a number of its own.
+    """
     out = np.unique(np.round(readings, 8), axis=0, return_inverse=True)[1].ravel()
     if c.repeat is not None:
         labels = c.repeat.astype(str)
-        has = labels != ""
-        out[has] = len(out) + np.unique(labels[has], return_inverse=True)[1]
+        has = np.flatnonzero(labels != "")
+        out[has] = len(out) + (has if anew else np.unique(labels[has], return_inverse=True)[1])
     return np.unique(out, return_inverse=True)[1]
 
 
@@ -217,6 +220,8 @@ def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], lis
     yield Driver("time"), cosines(clock, fitted, waves), _ends(clock, fitted)
     if c.temperature is not None:
         yield Driver("temperature"), cosines(c.temperature, fitted, 2), _ends(c.temperature, fitted)
+    load = added_load(c)
+    yield Driver("load"), cosines(load, fitted, 2), _ends(load, fitted)
     place = points(c)
     ends = [f for x in place.T for f in _ends(x, fitted)]
     yield Driver("workspace"), [f for x in place.T for f in cosines(x, fitted, 1)], ends

@@ -38,9 +38,7 @@ CAUSES = {
     ("tool", "event", ""): (
         "the tool shifted",
         f"{LOG}a tool (stylus, reflector, camera) that was changed, mounted anew or struck. Tighten it, and "
-        "qualify a probe again. "
-        "The rows from there on can be those of another tool: name it in the column `tool` and in "
-        "dataset.yaml.",
+        "qualify a probe again. From there on it can be another tool: name it in `tool`, and define it.",
     ),
     ("probe", "event", ""): (
         "the pre-travel of the probe changed",
@@ -83,9 +81,20 @@ CAUSES = {
         "Check what both joints load: a shared gear train, a counterbalance, a cable or a hose.",
     ),
     ("joint", "reading", ""): (
-        "{site} has an error that is drawn anew at every reading, or the noise differs between targets",
-        "Compare the residuals of the targets. If they are alike, check the encoder and its cable, "
-        "the coupling of its shaft, and whether the joint has come to rest.",
+        "{site} has an error that differs from one reading to the next, in no smooth way with any quantity",
+        "Measure some poses again: what repeats is a function of the pose. What does not is of the encoder, "
+        "its cable, the coupling of its shaft, or of a joint not yet at rest.",
+    ),
+    ("joint", "angle", "repeats"): (
+        "{site} has an error that repeats at the same pose, in no smooth way with any quantity",
+        "Measure along this joint in small steps, others at rest: short waves of a gear, or of two joints.",
+    ),
+    **dict.fromkeys(
+        [(site, "load", "") for site in ("tool", "base", "link", "joint", "probe")],
+        (
+            "an error follows the load on the flange, as at {site}",
+            "Weigh the loads with what holds them, and find their centres of mass: correct `payload_kg`.",
+        ),
     ),
     ("probe", "workspace", "one region"): (
         "the probe has an error in one region of the workspace",
@@ -153,7 +162,7 @@ def site_text(where: Place, dataset: Dataset, article: str = "") -> str:
     return where.site.text if article else str(where.site)
 
 
-MOVES = frozenset({"event", "time", "temperature", "count"})
+MOVES = frozenset({"event", "time", "temperature", "count", "load"})
 """Drivers of errors by which the base, and what is fixed beside it, move alike."""
 
 
@@ -196,6 +205,8 @@ def sentence(where: Place, dataset: Dataset) -> str:
     if happens is None:
         return ""
     text = happens[0].format(site=site_text(where, dataset, "the "), joint=f"J{where.driver.joint}")
+    if where.driver.kind == "reading" and len(_fitted_targets(dataset)) > 1:
+        text += "; or the noise differs between targets: compare their residuals"
     if target := mostly(where, dataset):
         text += f"; most of it is on {target}: its place or a certified value may be in error instead"
     if where.event is not None:
@@ -338,8 +349,8 @@ def possible(gap: Gap, named: Named) -> str:
     clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
     if not named.confirmed:
         return "the validation measurements do not confirm it"
-    if nats <= se:
-        return _little(nats, se, gap)
+    if nats <= se and (little := _little(nats, se, gap)):
+        return little
     # of several amplitudes none may be significant alone, and all together are
     seen = any(clear or [True]) or (nats > GAIN * se and _times_u(gap, named) > SEEN_U)
     return "" if seen else "no amplitude of it is significant"
@@ -372,14 +383,14 @@ def _times_u(gap: Gap, named: Named) -> float:
 
 
 def _little(nats: float, se: float, gap: Gap) -> str:
-    """That a gain of validation measurements is within its standard error, and what improves all the same."""
+    """That a gain of validation data is within its standard error; "" where a single name improves them."""
+    fall = [s.what for s in gap.shrinkage if s.claimed and s.removed_interval95[0] > 0]
+    if fall and len(gap.verdict.named) == 1:
+        return ""
+    errors = [{"planes": "contacts"}.get(what, what) for what in fall]
+    also = f", although errors of {listed(errors)} fall significantly by all named effects" if fall else ""
     size = f"{nats:+.1f} ± {se:.1f} nats"
-    said = f"the gain of single validation measurements by it is not significant ({size})"
-    kinds = {"planes": "contacts"}
-    fall = [kinds.get(s.what, s.what) for s in gap.shrinkage if s.claimed and s.removed_interval95[0] > 0]
-    return (
-        f"{said}, although errors of {listed(fall)} fall significantly by all named effects" if fall else said
-    )
+    return f"the gain of single validation measurements by it is not significant ({size}){also}"
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:
