@@ -16,10 +16,11 @@ import numpy as np
 from scipy.signal import correlate
 from scipy.special import gammaln, logsumexp
 
+from bayescal.motion.bank import Bank, Gains, Product, averaged, consecutive
 from bayescal.motion.effects import Form, joint
 from bayescal.motion.linear import Dots, Fit, Sparse, predicted
 from bayescal.motion.noise import Noise
-from bayescal.motion.pool import Bank, Gains, Pool, Product, Unlisted, averaged, consecutive
+from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
 from bayescal.motion.settings import EVENTS, NOISE, RELATIVES, SEARCH
@@ -31,8 +32,8 @@ def beside(
     pool: Pool, noise: Noise, whole: Search, hypotheses: tuple[Hypothesis, ...]
 ) -> tuple[Pool, tuple[Hypothesis, ...]]:
     """The pool with columns of the strongest causes beside the list, and the hypotheses with them."""
-    bank = pool.bank(noise)
     best = next(h for h in hypotheses if UNKNOWN not in h.names)
+    bank = pool.bank(noise, [m.form for m in best.members])
     hypotheses = tuple(in_place_of_a_name(h, hypotheses) for h in hypotheses)
     h, unlisted, _ = _unknown(bank, whole, best)
     new, further = [h], [unlisted]
@@ -111,14 +112,15 @@ def _without(best: Hypothesis, m: Member, hypotheses: Sequence[Hypothesis]) -> H
 
 
 def _free(bank: Bank, m: Member, gains: Gains) -> tuple[Product, float] | None:
-    """Free relatives of an effect of one joint: products of quantities of this joint in its place.
+    """Free relatives of an effect at one site: products of quantities of this site in its place.
 
     The one that explains most, and the evidence of all, nats, with their prior odds.
     """
 
     def free(p: Product) -> bool:
         a = bank.first[p.argument]
-        return m.form.site == p.form.site == joint(a.joint or 0) and a.times == tuple(RESPONSES)
+        free = (p.terms and not a.log_prior) or a.times == tuple(RESPONSES)
+        return m.form.site == p.form.site == a.site and bool(free)
 
     chosen = [(p, nats) for p, nats in gains if free(p)]
     if not chosen:

@@ -123,6 +123,7 @@ WARM = "log one motion cold, and again after 20 minutes of motion"
 SMALL = "move {who} alone, slowly, with reversals of 0.1, 1 and 10 deg, and from rest"
 TO_DO = (
     ("waves a turn", "move {who} alone, slowly, over its whole range in both directions, twice"),
+    ("base", "watch a dial gauge at the mounting while the arm moves slowly, and then fast"),
     ("oscillation", "log one motion at half and at full speed, and look for what swings, as a stand"),
     ("since the reversal", SMALL),
     ("since the start", SMALL),
@@ -134,8 +135,7 @@ TO_DO = (
     ("earlier torque", "hold {who} for 10 s in poses of low and high torque, and move it slowly from each"),
     ("change of torque", "move {who} alone, to and fro about poses of low and of high torque"),
     ("side of the torque", "move {who} alone through poses in which its torque changes sign"),
-    ("temperature", WARM),
-    ("heat", WARM),
+    ("temperature|heat", WARM),
     ("power", "log one motion at half and at full speed, with and without a payload"),
     ("payload", "log one motion with and without the payload, in turn"),
     ("time", "log one motion at the beginning, in the middle and at the end of a log"),

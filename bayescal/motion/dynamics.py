@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from bayescal.arm.transforms import compiled
@@ -9,6 +12,7 @@ from bayescal.logs import Mechanism
 from bayescal.logs.types import PAIRS, inertial
 from factors.kind import cross_matrix
 
+REST = np.zeros(3)
 PARAMETERS = 10
 """Of a body: mass, first moment (3), inertia about its frame's origin (6)."""
 
@@ -52,12 +56,25 @@ def regressor(
         N m of each reading, by each parameter of each body, as `bayescal.logs.types.inertial`.
     """
     q, dq, ddq = (x @ m.coupling.T for x in (q, dq, ddq))
-    count, n = q.shape
     turn = turns(m, q)
-    rate, turning = np.zeros((count, 3)), np.zeros((count, 3))  # angular velocity and acceleration
+    out = np.zeros((len(q), m.n, m.n, PARAMETERS))
+    for k, (force, moment) in enumerate(_wrenches(m, turn, dq, ddq, gravity)):
+        for j in range(k, -1, -1):
+            out[:, j, k] = np.einsum("i,nip->np", m.axis[j], moment)
+            if j:
+                force, moment = _before(m, turn, j, force, moment)
+    return np.einsum("ji,njkp->nikp", m.coupling, out)
+
+
+def _wrenches(
+    m: Mechanism, turn: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray,
+    base: np.ndarray = REST,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:  # fmt: skip
+    """Of each body force and moment (N, 3, 10) about its origin by its parameters, in its frame."""
+    count = len(dq)
+    rate, turning = np.zeros((count, 3)), np.tile(base, (count, 1))  # angular velocity and acceleration
     pull = np.tile(-np.asarray(gravity, float), (count, 1))  # acceleration of the origin
-    out = np.zeros((count, n, n, PARAMETERS))
-    for k in range(n):
+    for k in range(m.n):
         to_body = np.swapaxes(turn[k], 1, 2)
         origin = m.place[k, :3, 3]
         pull = pull + np.cross(turning, origin) + np.cross(rate, np.cross(rate, origin))
@@ -71,12 +88,46 @@ def regressor(
         force[:, :, 1:4] = cross_matrix(turning) + wheel @ wheel
         moment[:, :, 1:4] = -cross_matrix(pull)
         moment[:, :, 4:] = _times_inertia(turning) + wheel @ _times_inertia(rate)
-        for j in range(k, -1, -1):
-            out[:, j, k] = np.einsum("i,nip->np", m.axis[j], moment)
-            if j:
-                force = turn[j] @ force
-                moment = turn[j] @ moment + cross_matrix(m.place[j, :3, 3]) @ force
-    return np.einsum("ji,njkp->nikp", m.coupling, out)
+        yield force, moment
+
+
+def _before(
+    m: Mechanism, turn: np.ndarray, j: int, force: np.ndarray, moment: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A wrench (N, 3, ...) of a body's frame in the frame before it; of the first body, in the base."""
+    force = turn[j] @ force
+    return force, turn[j] @ moment + cross_matrix(m.place[j, :3, 3]) @ force
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What bodies and a payload ask of joints and base; N rows."""
+
+    joints: np.ndarray  # (N, n) N m
+    base: np.ndarray  # (N, 3) N m, about its origin, along its axes
+    tool: np.ndarray  # (N, 3) N, by 1 kg at the payload's centre of mass, along the axes of the last body
+
+    @classmethod
+    def of(
+        cls, m: Mechanism, motion: Sequence[np.ndarray], gravity: np.ndarray, inertials: np.ndarray,
+        payload: np.ndarray, turning: np.ndarray = REST,
+    ) -> Loads:  # fmt: skip
+        """Of a motion: readings, rad, and their derivatives, each (N, n).
+
+        Bodies have `inertials` (n, 10), the payload (N,) is in kg; `turning` (3,) is an angular
+        acceleration of the base, rad/s2. The signs are those of what accelerates the bodies.
+        """
+        q, dq, ddq = (x @ m.coupling.T for x in motion)
+        turn, unit = turns(m, q), payload_of(m)
+        every = [*_wrenches(m, turn, dq, ddq, gravity, turning)]
+        joints, total = np.zeros_like(q), (np.zeros((len(q), 3, 1)),) * 2
+        for k in range(m.n - 1, -1, -1):
+            of_tool = payload[:, None] * unit if k == m.n - 1 else 0.0
+            by = np.broadcast_to(inertials[k] + of_tool, (len(q), PARAMETERS))[..., None]
+            force, moment = (t + x @ by for t, x in zip(total, every[k], strict=True))
+            joints[:, k] = moment[..., 0] @ m.axis[k]
+            total = _before(m, turn, k, force, moment)
+        return cls(joints @ m.coupling, total[1][..., 0], every[-1][0] @ unit)
 
 
 def payload_of(m: Mechanism) -> np.ndarray:

@@ -18,7 +18,17 @@ from bayescal.logs.types import LINK, SERVO, TRACKING, inertial
 from bayescal.motion.dynamics import carried, payload_of
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
-from bayescal.motion.terms import ALL, BODY, UNITS, Operating, Term, channel, prior_of_body, slopes_of
+from bayescal.motion.terms import (
+    ALL,
+    BODY,
+    UNITS,
+    Operating,
+    Term,
+    channel,
+    prior_of_body,
+    size_of_body,
+    slopes_of,
+)
 
 TOOL, BASE, LOG = "tool", "base", "log"
 EACH = "in all joints"
@@ -49,10 +59,10 @@ class Form:
         """Whether it is in all joints, each with its own value."""
         return self.setting.endswith(EACH)
 
-    def term(self, unit: str, sd: float, channel: int = ALL, part: str = "") -> Term:
+    def term(self, unit: str, sd: float, channel: int = ALL, part: str = "", most: float = np.inf) -> Term:
         """A term of this form."""
         name = " ".join(x for x in (self.effect, self.site, self.driver, self.setting, part) if x)
-        return Term(name, unit, sd, channel, self.effect in OF_THE_ARM)
+        return Term(name, unit, sd, channel, self.effect in OF_THE_ARM, most)
 
 
 FormColumn = tuple[Form, Term, np.ndarray]
@@ -302,10 +312,11 @@ def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]
     for k in range(m.n):
         form = Form("inertia", joint(k), "motion of the link")
         by, sd = slopes_of(model.bodies[k]), prior_of_body(m, k)
-        columns = s.rigid[:, :, k] @ by
+        columns, size = s.rigid[:, :, k] @ by, size_of_body(m, k)
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
-                yield form, form.term(UNITS[p], FORMS.inertia * sd[p], part=name), columns[:, :, p]
+                term = form.term(UNITS[p], FORMS.inertia * sd[p], part=name, most=size[p])
+                yield form, term, columns[:, :, p]
 
 
 @effect("servo-stiffness", "another stiffness of the servo", "Use what was found.", needs=_no_stiffness)

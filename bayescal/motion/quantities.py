@@ -18,7 +18,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bayescal.arm.transforms import compiled
-from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, Waves, columns, joint
+from bayescal.motion.dynamics import Loads
+from bayescal.motion.effects import BASE, LOG, TOOL, Form, FormColumn, Scale, Waves, columns, joint
 from bayescal.motion.settings import CELLS, FORMS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
@@ -124,6 +125,11 @@ def cells(s: Signals, model: Operating, scale: Scale, r: Ranges) -> Iterator[For
     form = Form(UNKNOWN, LOG, "rate of torque times time")  # errors of the clock, in all joints
     for k, f in enumerate(times):
         yield form, form.term("s", CELLS.clock, part=str(k)), later * f[:, None]
+    form = Form(UNKNOWN, BASE, "turning of the base")  # an angular acceleration of what carries the arm
+    still = s.q, np.zeros_like(s.q), np.zeros_like(s.q)
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        turned = Loads.of(s.log.mechanism, still, np.zeros(3), model.inertials, s.payload, axis)
+        yield form, form.term("rad/s2", CELLS.turning, part=name), turned.joints
     form = Form(UNKNOWN, TOOL, "force on the tool")  # constant, along the axes of the base: a hose, a cable
     unit = np.r_[1.0, s.log.mechanism.payload_centre, np.zeros(6)]
     for name, by in zip("xyz", s.tilted, strict=True):
@@ -194,11 +200,11 @@ RESPONSES: Mapping[str, Callable[[Kept, int], np.ndarray]] = {
 
 @dataclass(frozen=True)
 class Argument:
-    """A quantity, with functions (M, k) of it; `joint` is the one that it belongs to, from 0."""
+    """A quantity of a site, with functions (M, k) of it; `times` are the responses of joints beside it."""
 
     name: str
     functions: np.ndarray
-    joint: int | None = None
+    site: str = LOG
     times: tuple[str, ...] = tuple(RESPONSES)
     moves: bool = False  # whether it is a motion of what carries the arm, or of what it carries
     only: int | None = None  # the one joint whose error may depend on it
@@ -215,10 +221,10 @@ def _arguments(s: Signals, model: Operating, r: Ranges, k: Kept, waves: Waves) -
     few, load, torque = PRODUCTS.waves, model.load(s), model.torque(s)
     for j in range(s.log.n):
         label = f" of joint {j + 1}"
-        yield Argument("angle" + label, _waves(k.q[:, j], r.angle[:, j], PRODUCTS.angles), j)
+        yield Argument("angle" + label, _waves(k.q[:, j], r.angle[:, j], PRODUCTS.angles), joint(j))
         for name, x in (("speed", k.dq), ("torque", k.load), ("acceleration", k.ddq)):
-            yield Argument(name + label, _waves(x[:, j], _WIDE, few), j)
-        yield Argument("direction" + label, k.way[:, j : j + 1], j)
+            yield Argument(name + label, _waves(x[:, j], _WIDE, few), joint(j))
+        yield Argument("direction" + label, k.way[:, j : j + 1], joint(j))
         yield from _memories(s, load[:, j] / r.usual_load[j], torque[:, j] / r.usual_load[j], j)
     time = s.kept(s.time)
     yield Argument("time", _waves(time, r.time, PRODUCTS.times))
@@ -232,7 +238,7 @@ def _arguments(s: Signals, model: Operating, r: Ranges, k: Kept, waves: Waves) -
     for name, constant in (("power", PRODUCTS.short), ("heat", PRODUCTS.long)):
         value = np.abs(power) if name == "heat" else np.maximum(power, 0.0)
         late = s.kept(_late(value, constant, s.step))
-        yield Argument(name, _waves(late, np.maximum(_WIDE, 0.0), few), None, PRODUCTS.with_memory)
+        yield Argument(name, _waves(late, np.maximum(_WIDE, 0.0), few), LOG, PRODUCTS.with_memory)
     if r.loaded:
         yield Argument("payload", s.kept((s.payload > 0.0).astype(float))[:, None])
     if s.temperature is not None:
@@ -241,7 +247,7 @@ def _arguments(s: Signals, model: Operating, r: Ranges, k: Kept, waves: Waves) -
     sources = np.column_stack([s.ddq / r.usual_acceleration, load / r.usual_load])
     for frequency in (f for f in PRODUCTS.resonances if f < s.band):
         response, name = s.kept(resonated(sources, frequency, s.step)), f"oscillation, {frequency:.2g} Hz"
-        yield Argument(name, response, None, ("",), True, None, PRODUCTS.oscillation)
+        yield Argument(name, response, LOG, ("",), True, None, PRODUCTS.oscillation)
     for j, number in waves.changing:
         wave = s.kept(np.exp(1j * number * s.q[:, j]))
         functions = np.zeros((len(time), 2 * r.count))
@@ -249,12 +255,29 @@ def _arguments(s: Signals, model: Operating, r: Ranges, k: Kept, waves: Waves) -
         for piece, rows in zip(r.pieces[s.name], parts, strict=True):
             functions[rows, 2 * piece], functions[rows, 2 * piece + 1] = wave[rows].real, wave[rows].imag
         name = f"angle of joint {j + 1}, {number:.3g} waves a turn whose phase changes"
-        yield Argument(name, functions, j, ("",), only=j, log_prior=waves.changing_spread)
+        yield Argument(name, functions, joint(j), ("",), only=j, log_prior=waves.changing_spread)
     for j, number, kind in waves.in_proportion:
         wave = s.kept(np.exp(1j * number * s.q[:, j]))
         name = f"angle of joint {j + 1}, {number:.3g} waves a turn"
         both = np.column_stack([wave.real, wave.imag])
-        yield Argument(name, both, j, (kind,), only=j, log_prior=waves.in_proportion_spread)
+        yield Argument(name, both, joint(j), (kind,), only=j, log_prior=waves.in_proportion_spread)
+    yield from _of_ends(s, model, r)
+
+
+def _of_ends(s: Signals, model: Operating, r: Ranges) -> Iterator[Argument]:
+    """What the base and the tool carry: quantities of no joint, and how something there would swing."""
+    m, motion = s.log.mechanism, (s.q, s.dq, s.ddq)
+    loads = Loads.of(m, motion, s.log.gravity, model.inertials, s.payload)
+    of_base = BASE, "moment on the base", loads.base / np.max(r.usual_load)
+    for site, name, x in (of_base, (TOOL, "acceleration at the tool", loads.tool / CELLS.gravity)):
+        yield Argument(name, s.kept(x), site, ())
+        yield Argument(f"side of the {name}", s.kept(np.tanh(x / FORMS.sides[1])), site, ())
+        for constant in PRODUCTS.lags:
+            yield Argument(f"earlier {name}", s.kept(_late(x, constant, s.step)), site, ())
+        for frequency in (f for f in PRODUCTS.resonances if f < s.band):
+            swings = s.kept(resonated(x, frequency, s.step))
+            of = f"oscillation by the {name}, {frequency:.2g} Hz"
+            yield Argument(of, swings, site, (), log_prior=PRODUCTS.oscillation)
 
 
 def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Iterator[Argument]:
@@ -262,14 +285,14 @@ def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Itera
 
     def memory(name: str, *columns: np.ndarray) -> Argument:
         kept = s.kept(np.column_stack(columns))
-        return Argument(f"{name} of joint {j + 1}", kept, j, PRODUCTS.with_memory)
+        return Argument(f"{name} of joint {j + 1}", kept, joint(j), PRODUCTS.with_memory)
 
     gone = np.cumsum(np.abs(s.dq[:, j])) * s.step
     for length in PRODUCTS.ways:
         yield memory("way since the reversal", presliding(s.dq[:, j], s.step, length))
         yield memory("way since the start", np.exp(-gone / length))
     sides = np.tanh(np.column_stack([torque, load]) / FORMS.sides[0])
-    yield Argument(f"side of the torque of joint {j + 1}", s.kept(sides), j)
+    yield Argument(f"side of the torque of joint {j + 1}", s.kept(sides), joint(j))
     for share in PRODUCTS.shares:
         yield memory("change of torque", presliding(np.gradient(torque) / s.step, s.step, share))
     for constant in PRODUCTS.lags:
@@ -277,9 +300,9 @@ def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Itera
 
 
 def _late(x: np.ndarray, constant: float, step: float) -> np.ndarray:
-    """Samples (N,) with the lag of one time constant, s, that begins at rest."""
+    """Samples (N, ...) with the lag of one time constant, s, that begins at rest."""
     keep = np.exp(-step / constant)
-    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], x, zi=[keep * x[0]])[0])
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=keep * x[:1])[0])
 
 
 def _waves(x: np.ndarray, bounds: np.ndarray, count: int) -> np.ndarray:

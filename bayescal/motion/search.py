@@ -96,6 +96,17 @@ class Search:
         """Share of what a form explains that may belong to the form of one with fewer values."""
         return np.array([SEARCH.form * f.of_each for f, _ in self.forms])
 
+    @cached_property
+    def scale_priors(self) -> np.ndarray:
+        """Log weights (S, scales) of the factors on the prior standard deviations of each form.
+
+        None makes an error of a part larger than the part.
+        """
+        terms = self.normal.terms
+        room = [min(terms[k].most / terms[k].sd for k in chosen) for chosen in self.sets]
+        out = np.where(np.maximum(room, SCALES[0])[:, None] >= SCALES, SCALE_PRIOR, -np.inf)
+        return np.asarray(out - logsumexp(out, axis=1, keepdims=True))
+
     def fit(self, members: Sequence[Member] = ()) -> Fit:
         """The baseline and the members, fitted."""
         index, terms = self.normal.index, self.terms
@@ -144,7 +155,7 @@ class Search:
         """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged."""
         table = gains(self.fit(members), self.sets, SCALES)[0]
         table -= self.flexible[:, None] * np.maximum(table, 0.0)
-        table += self.form_priors[:, None] + SCALE_PRIOR
+        table += self.form_priors[:, None] + self.scale_priors
         taken, out = {(m.form.effect, m.form.site) for m in members}, {}
         terms = {term for m in members for term in self.terms[m.form]}
         for name, chosen in self.by_effect.items():

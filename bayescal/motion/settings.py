@@ -214,6 +214,10 @@ class CellSettings:
     """s, drift of the clock over the log (assumed)."""
     force: float = 5.0
     """N (assumed)."""
+    turning: float = 0.1
+    """rad/s2, of the base (assumed)."""
+    gravity: float = 9.81
+    """m/s2, usual acceleration at the tool (assumed)."""
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ class Term:
     sd: float
     channel: int = ALL
     moves: bool = False  # whether it is a torque of the arm, which also displaces a position servo
+    most: float = np.inf  # of the prior standard deviation, at any scale: the size of the part itself
 
 
 Column = tuple[Term, np.ndarray]
@@ -213,12 +214,22 @@ def _slopes(mass: float, centre_of_mass: tuple[float, ...]) -> np.ndarray:
 
 def prior_of_body(m: Mechanism, k: int) -> np.ndarray:
     """Prior standard deviations (10,) of mass, centre and inertia of a body; 0 of a link without mass."""
-    mass, inertia = m.mass[k], m.inertia[k]
-    if not mass > 0.0:
+    if not m.mass[k] > 0.0:
         return np.zeros(len(BODY))
+    size = size_of_body(m, k)
+    return np.array([m.u.mass * size[0], *[m.u.centre] * 3, *(m.u.inertia * size[4:])])
+
+
+def size_of_body(m: Mechanism, k: int) -> np.ndarray:
+    """Mass, extent (3) and inertia (6) of a body: an error of them is seldom larger.
+
+    The extent is the radius of gyration, or half of the way to the next joint.
+    """
+    mass, inertia = m.mass[k], m.inertia[k]
+    way = np.linalg.norm(m.place[k + 1, :3, 3]) / 2.0 if k + 1 < m.n else 0.0
+    extent = max(np.sqrt(np.trace(inertia) / max(2.0 * mass, 1e-12)), way)
     size = np.maximum(np.diag(inertia), BASELINE.least_inertia * max(np.trace(inertia), 1e-12))
-    of_inertia = [m.u.inertia * np.sqrt(size[i] * size[j]) for i, j in PAIRS]
-    return np.array([m.u.mass * mass, *[m.u.centre] * 3, *of_inertia])
+    return np.array([mass, *[extent] * 3, *(np.sqrt(size[i] * size[j]) for i, j in PAIRS)])
 
 
 UNITS = ("kg", "m", "m", "m", *["kg m2"] * 6)

@@ -11,6 +11,7 @@ from scipy.stats import t as student_t
 
 from bayescal.logs.types import CALIBRATE, TORQUE, VALIDATE
 from bayescal.motion import beside as causes
+from bayescal.motion.bank import Product
 from bayescal.motion.beside import (
     Relative,
     _free,
@@ -22,12 +23,13 @@ from bayescal.motion.beside import (
     surprise,
 )
 from bayescal.motion.diagnose import _place
+from bayescal.motion.dynamics import Loads
 from bayescal.motion.effects import EFFECTS, Form, Waves
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
-from bayescal.motion.pool import Pool, Product, Unlisted
+from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, resonated
-from bayescal.motion.search import Hypothesis, Member
+from bayescal.motion.search import SCALES, Hypothesis, Member, decide
 from bayescal.motion.settings import EVENTS, PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import root_mean_square
 from bayescal.storage.temporary import Temporary
@@ -100,6 +102,72 @@ def test_an_oscillation_in_several_joints_is_of_what_carries_the_arm_or_of_the_t
     assert forms[0][0] == "base"
     assert forms[0][1].startswith("oscillation, 2.")
     assert nats > 30.0
+
+
+def test_no_prior_makes_an_error_of_a_link_larger_than_the_link(pool):
+    m, search = pool.table.parts[0].signals.log.mechanism, search_of(pool)
+    for (form, names), weights in zip(search.forms, search.scale_priors, strict=True):
+        assert np.sum(np.exp(weights)) == pytest.approx(1.0)
+        if form.effect == "inertia":
+            k = int(form.site.split()[1]) - 1
+            sd = {t.name: t.sd for t in search.normal.terms}
+            largest = np.max(SCALES[np.isfinite(weights)])
+            length = max(np.sqrt(np.trace(m.inertia[k]) / (2.0 * m.mass[k])), [0.025, 0.15, 0.0][k])
+            centre, mass = (next(sd[n] for n in names if part in n) for part in (" centre", " mass"))
+            assert 0.3 * length < largest * centre <= length or largest * mass > 0.5 * m.mass[k]
+            assert largest * mass <= m.mass[k]
+
+
+def loads_of(s):
+    m = s.log.mechanism
+    return Loads.of(m, (s.q, s.dq, s.ddq), s.log.gravity, m.inertials, s.payload)
+
+
+def leaning(s, tilt):
+    """Torques by a base that is tilted about x and y by angles (N, 2), rad."""
+    by = np.array([np.cross(axis, s.log.gravity) for axis in np.eye(3)[:2]])
+    columns = np.einsum("ba,anjkp,kp->bnj", by, s.tilted, s.log.mechanism.inertials)
+    return np.einsum("nb,bnj->nj", tilt, columns)
+
+
+def shifted(s, centre):
+    """Torques by a payload whose centre of mass is displaced by (N, 3), m."""
+    first = s.rigid[:, :, -1, 1:4] * s.payload[:, None, None]
+    return np.einsum("nji,ni->nj", first, centre)
+
+
+BY_MOMENT, BY_ACCELERATION = "moment on the base", "acceleration at the tool"
+SITES = {
+    f"gravity direction times {BY_MOMENT}": lambda s: leaning(s, 4e-3 * loads_of(s).base[:, 1:2] * [0, 1]),
+    f"centre of mass times {BY_ACCELERATION}": lambda s: shifted(s, 8e-3 * loads_of(s).tool * [1, 0, 0]),
+    "centre of mass times angle of joint 2": lambda s: shifted(s, np.sin(2.0 * s.q[:, 1:2]) * [0.1, 0.1, 0]),
+}
+
+
+@pytest.mark.parametrize("driver", SITES)
+def test_what_varies_at_the_base_or_the_tool_is_found_there(pool, driver):
+    forms, nats = best_products(with_error(pool, lambda p: p.signals.kept(SITES[driver](p.signals))), 1)
+    assert forms == [("tool" if driver.startswith("centre") else "base", driver)]
+    assert nats > 20.0
+
+
+def test_a_tilt_that_is_half_of_what_is_there_is_no_name(pool):
+    """The base leans with its moment, beside a fixed tilt that explains as much."""
+
+    def error(part):
+        s = part.signals
+        return s.kept(leaning(s, 0.03 * np.array([1.0, 0.5]) + 4e-3 * loads_of(s).base[:, [1, 0]]))
+
+    changed = with_error(pool, error)
+    search, noise = search_of(changed), pool.estimate.noise
+    hypotheses = search.run()
+    alone = max(hypotheses, key=lambda h: h.score if h.names == ("base-tilt",) else -np.inf)
+    assert alone.log_evidence > 20.0
+    wide, hypotheses = beside(changed, noise, search, hypotheses)
+    verdict = decide(wide.search(normal(wide.table, noise)), hypotheses)
+    assert verdict.kind in ("unknown", "named+unexplained")
+    assert verdict.probability["base-tilt"] < 0.9
+    assert ("base", UNKNOWN) in [(m.form.site, m.form.effect) for m in verdict.leading.members]
 
 
 def test_a_wave_in_proportion_to_a_response_is_found_and_explained(null_estimate):
@@ -303,8 +371,10 @@ def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_est
 def test_free_relatives_of_a_name_are_weighed_among_those_of_its_joint():
     """Products of other joints, or with another response, change nothing; the same ones twice neither."""
     every = tuple(RESPONSES)
-    kinds = [(0, every), (0, PRODUCTS.with_memory), (1, every), (None, ("",))]
-    bank = SimpleNamespace(first=[SimpleNamespace(joint=j, times=times) for j, times in kinds])
+    kinds = [("joint 1", every), ("joint 1", PRODUCTS.with_memory), ("joint 2", every), ("log", ("",))]
+    bank = SimpleNamespace(
+        first=[SimpleNamespace(site=site, times=times, log_prior=0.0) for site, times in kinds]
+    )
 
     def product(site, argument, driver):
         return Product(Form(UNKNOWN, site, driver), "", argument, (0,), (False,))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from motion.made import inverse, model_of
@@ -10,7 +11,7 @@ from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.logs import read_log
 from bayescal.logs.types import Controller, inertial, mechanism_of
-from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.dynamics import Loads, payload_of, regressor
 from bayescal.motion.effects import EFFECTS, Scale, warming
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import all_signals
@@ -30,6 +31,42 @@ def test_torques_are_those_of_mujoco(null_log):
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq, gravity), abs=1e-10)
     # a payload is a body of its mass
     assert payload_of(m) == pytest.approx(inertial(1.0, m.payload_centre, 0.03**2 * np.eye(3)))
+
+
+def test_what_base_and_tool_carry_is_that_of_mujoco(null_log):
+    m = read_log(null_log).mechanism
+    q, dq, ddq = some(3)
+    gravity, model = np.array([1.0, -2.0, -9.0]), model_of(m)
+    loads = Loads.of(m, (q, dq, ddq), gravity, m.inertials, np.zeros(7))
+    assert loads.joints == pytest.approx(inverse(model, q, dq, ddq, gravity), abs=1e-10)
+    data = mujoco.MjData(model)
+    for k in range(7):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        moment, force = data.cfrc_int[1].reshape(2, 3)  # about the centre of mass of the arm
+        assert loads.base[k] == pytest.approx(moment + np.cross(data.subtree_com[1], force), abs=1e-10)
+        turning, origin = data.cacc[-1].reshape(2, 3)
+        rate, frame = data.cvel[-1, :3], data.xmat[-1].reshape(3, 3)
+        # spatial vectors are those of the point that is at the centre of mass of the arm
+        arm = data.xpos[-1] + frame @ m.payload_centre - data.subtree_com[1]
+        velocity = data.cvel[-1, 3:] + np.cross(rate, arm)
+        pull = origin + np.cross(turning, arm) + np.cross(rate, velocity)
+        assert loads.tool[k] == pytest.approx(frame.T @ pull, abs=1e-10)
+
+
+def test_a_base_that_turns_about_the_first_axis_is_a_joint_that_does(null_log):
+    m = read_log(null_log).mechanism
+    q, still = some(3)[0], np.zeros((7, 3))
+    turned, joint = (
+        Loads.of(m, (q, still, ddq), np.zeros(3), m.inertials, np.ones(7), base).joints
+        for ddq, base in (
+            (still, np.array([0.0, 0.0, 2.0])),
+            (still + np.array([2.0, 0.0, 0.0]), np.zeros(3)),
+        )
+    )
+    assert np.max(np.abs(joint)) > 0.5
+    assert turned == pytest.approx(joint, abs=1e-12)
 
 
 def test_a_robot_of_dh_rows_is_the_same_arm():
