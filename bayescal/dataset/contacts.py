@@ -6,11 +6,12 @@ Whether the stated region of a target is one of it: of its kind, and on its surf
 
 Which targets a certificate may join, and whether their nominal places allow what it states.
 
-What is attached to the flange in each row: tool and payload.
+What is attached to the flange in each row: tool and payload. Which targets are one rigid body.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from bayescal.arm.transforms import rigid_alignment, rpy_matrix
 from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Patch, Target
 from bayescal.errors import BayescalError
+from bayescal.statistics import grouped
 from factors import certificate
 from factors.kind import Feature
 
@@ -209,6 +211,18 @@ def connected(names: Iterable[str], pairs: Iterable[tuple[str, ...]]) -> list[li
             group[a].extend(group[b])
             group |= dict.fromkeys(group[b], group[a])
     return list({id(members): members for members in group.values()}.values())
+
+
+def bodies(dataset: Dataset, names: Iterable[str]) -> dict[str, list[str]]:
+    """Rigid bodies of some targets, by name: certificates or names tie them (``ball.A@2`` to ``ball@2``)."""
+    targets, body = list(names), dict[str, str]()
+    for name in targets:
+        artefact, _, placement = name.partition("@")
+        body[name] = artefact.partition(".")[0] + ("@" + placement if placement else "")
+    ties = [[t for t in c.targets if t in body] for c in dataset.certificates]
+    ties += grouped((body[t], t) for t in targets).values()
+    groups = connected(targets, (pair for tie in ties for pair in itertools.pairwise(tie)))
+    return {g[0] if len(g) == 1 else "+".join(dict.fromkeys(body[t] for t in g)): g for g in groups}
 
 
 def load_mass(dataset: Dataset) -> np.ndarray:

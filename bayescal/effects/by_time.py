@@ -240,17 +240,19 @@ def beside(c: Circumstances, row: float) -> np.ndarray:
     return np.empty(0)
 
 
-def long_enough(c: Circumstances, one: float, other: float) -> bool:
-    """Whether there are as many fitted rows between two steps as there must be before the first of them."""
-    between = np.sum((c.fitted + 1 >= min(one, other)) & (c.fitted + 1 < max(one, other)))
-    return bool(between >= min(_edge(session.fitted) for session in each(c)))
+def long_enough(c: Circumstances, one: float, other: float, on: np.ndarray | float = 1.0) -> bool:
+    """Whether as many fitted rows of a site, `on` (N,), are between two steps as before the first of them."""
+    between = ((c.fitted + 1 >= min(one, other)) & (c.fitted + 1 < max(one, other))).astype(float)
+    count = float(np.sum(between * np.broadcast_to(on, len(c.q))[c.fitted]))
+    return count >= min(_edge(session.fitted) for session in each(c))
 
 
 def _apart(c: Circumstances, one: tuple[Site, float], other: tuple[Site, float]) -> bool:
     """Whether two steps, each a site and a row, are two events; the only instrument is the base."""
     only = [face(name) for name, rows, _ in c.instruments if np.all(rows[c.fitted] > 0.0)]
     one_site = len({BASE if site in only else site for site, _ in (one, other)}) == 1
-    return not one_site or long_enough(c, one[1], other[1])
+    on = next((rows for name, rows, _ in c.artefacts if face(name) == one[0]), 1.0)
+    return not one_site or long_enough(c, one[1], other[1], on)
 
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:
@@ -270,8 +272,10 @@ def _shift(c: Circumstances, row: float) -> Iterator[Parameter]:
     for name, site, used in tools:
         axes = {end: SHIFTS} | ({TURN: TURNS} if set(used) & set(c.turned_tools) else {})
         yield from _displaced(name, site, since * np.isin(c.tool, used), axes)
-    for name, rows, place in c.instruments:
-        if np.sum(rows[c.fitted]) < len(c.fitted) or np.linalg.norm(place) > NEAR:
+    for k, (name, rows, place) in enumerate((*c.instruments, *c.artefacts)):
+        mine, later = rows[c.fitted], since[c.fitted]
+        alone_moves = np.sum(mine) < len(mine) or (k < len(c.instruments) and np.linalg.norm(place) > NEAR)
+        if alone_moves and min(mine @ later, mine @ (1.0 - later)) >= _edge(c.fitted):
             for p in _displaced(f"step {name}", face(name), since * rows, {0: (*SHIFTS, *TURNS)}):
                 yield replace(p, terms=_about(p.terms[0], place))
 
@@ -302,7 +306,7 @@ def _displaced(
 
 STEP = Effect(
     "step",
-    "sudden shift of the base, of a tool or of an instrument at row n",
+    "sudden shift of the base, of a tool, of an instrument or of an artefact at row n",
     lambda c: apart(c, lambda one: _shift(one, one.fitted[len(one.fitted) // 2] + 1.0)),
     lambda c: "" if len(c.fitted) > 1 else "a step needs more than one row",
     Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside, _apart),
@@ -318,7 +322,7 @@ STEP = Effect(
     side="mount",
     of_session=True,
 )
-r"""Step: a sudden shift of the base, of a tool or of an instrument at a row n.
+r"""Step: a sudden shift of the base, of a tool, of an instrument or of an artefact at a row n.
 
 Formula: $`\delta_a(i) = x_a \; \mathrm{if} \; i \ge n, \; \mathrm{else} \; 0`$;
 for each of the six axes a of the base, or of another site.
@@ -335,5 +339,8 @@ prior, and turns where its orientation is read. A stylus that is mounted anew is
 too (assumed). Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``:
 the instrument of that name shifts, and turns about its own place. An instrument that stands far from the base
 thereby shifts its points by far more than a base that turns as much. The only instrument within 0.5 m of the
-base, as one whose coordinates were aligned with the base, is no other site than the base.
+base, as one whose coordinates were aligned with the base, is no other site than the base. ``step@212 at
+ball@2``: the second placement of the artefact ``ball`` shifts, and turns about the middle of its contacts.
+Targets are one rigid body where certificates or their names tie them. The only body is no other site than the
+base. Each site needs as many of its own rows before and after its step as the edges of a session have.
 """

@@ -138,6 +138,7 @@ class Circumstances:
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
     instruments: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()  # name, rows (N,), place in F0 (3,)
+    artefacts: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()  # the same of bodies of other targets
     views: tuple[View, ...] = ()  # of fitted cameras
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted measurements read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation

@@ -108,8 +108,8 @@ class Place:
     log_evidence: float  # nats, relative to noise only
     explained_by: str  # the named effect that it belongs to, or ""
     curve: Curve
-    event: Event | None = None  # of an unmodelled sudden change
-    amplitudes: tuple[Amplitude, ...] = ()  # of an unmodelled sudden change, or of a base that rocks
+    event: Event | None = None  # of an unmodelled sudden change, which may explain most of another location
+    amplitudes: tuple[Amplitude, ...] = ()  # of that change, or of a base that rocks
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 from bayescal.arm.statics import Stance
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.cameras import blur, board, closed_form, is_stated, placed, stated
+from bayescal.dataset.contacts import bodies
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import taken
 from bayescal.effects import View
@@ -29,6 +30,22 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
+
+
+def bodies_of(scene: Scene, fitted: np.ndarray) -> dict[str, tuple[tuple[str, np.ndarray, np.ndarray], ...]]:
+    """`instruments` and `artefacts` of `Circumstances`; a body is in the middle of its fitted contacts."""
+    d, target = scene.dataset, scene.dataset.measurements.target
+    index = {d.targets[t].name: t for t in np.unique(target[fitted]).tolist()}
+    read = {name: t for name, t in index.items() if scene.declared[t].of_instrument}
+    instruments = [
+        (name, (target == t).astype(float), np.asarray(d.targets[t].values["xyz"]))
+        for name, t in read.items()
+    ]
+    artefacts = []
+    for name, group in bodies(d, [name for name in index if name not in read]).items():
+        on = np.isin(target, [index[each] for each in group])
+        artefacts.append((name, on.astype(float), scene.points[fitted[on[fitted]]].mean(axis=0)))
+    return {"instruments": tuple(instruments), "artefacts": tuple(artefacts)}
 
 
 class unposed(cached_property[T]):

@@ -16,7 +16,17 @@ from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
-from bayescal.model.parts import STATED, as_seen, blur_of, posed_rowwise, rowwise, u_of, unposed, views_of
+from bayescal.model.parts import (
+    STATED,
+    as_seen,
+    blur_of,
+    bodies_of,
+    posed_rowwise,
+    rowwise,
+    u_of,
+    unposed,
+    views_of,
+)
 from bayescal.statistics import grouped
 from factors.camera import Instrument, Orientation
 from factors.certificate import RELATIONS, Shape, ordered, shape
@@ -220,7 +230,7 @@ class Scene:
             faces=tuple(self._faces(fitted)),
             certified_values=tuple(self._certified_values({t.name for t in targets})),
             sessions=self._sessions(targets),
-            instruments=self._instruments(fitted),
+            **bodies_of(self, fitted),
             views=views_of(self, fitted),
             turned_tools=turned,
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
@@ -261,15 +271,6 @@ class Scene:
         wrenches = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)
         by = reference.by_joints(self.chain, wrenches) @ self.dataset.robot.link_from_reading
         return np.sum(by * velocity, axis=1)
-
-    def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray, np.ndarray], ...]:
-        """Fitted instruments: name, 1 for their rows (N,), and nominal place in F0 (3,), m."""
-        d, target = self.dataset, self.dataset.measurements.target
-        instruments = [t for t in np.unique(target[fitted]).tolist() if self.declared[t].of_instrument]
-        return tuple(
-            (d.targets[t].name, (target == t).astype(float), np.asarray(d.targets[t].values["xyz"]))
-            for t in instruments
-        )
 
     def _faces(self, fitted: np.ndarray) -> Iterator[Face]:
         d = self.dataset

@@ -10,10 +10,11 @@ import pytest
 from sessions import plain, tracker, validating, wavy, with_columns
 
 from bayescal.arm.transforms import rpy_matrix
-from bayescal.dataset import Dataset
+from bayescal.dataset import Certificate, Dataset
+from bayescal.dataset.contacts import bodies
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.by_time import ROWS, beside, long_enough, moments
-from bayescal.effects.location import BASE, TOOL, face
+from bayescal.effects.location import BASE, TOOL, Driver, face
 from bayescal.effects.selection import Selection
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
@@ -24,7 +25,10 @@ from bayescal.gap.concluded import doubted, events_of
 from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.examine import examine
 from bayescal.gap.outcome.events import _with_fitted
+from bayescal.gap.outcome.where import _sudden
 from bayescal.gap.result import Event
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.unknown import CellFit
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -135,6 +139,37 @@ def test_a_model_names_several_shifts():
     assert len({p.name for p in own}) == 15
     began = [int(np.argmax(np.asarray(p.terms[0].driver) > 0)) + 1 for p in own]
     assert began == [38] * 6 + [80] * 6 + [90] * 3
+
+
+def test_each_rigid_body_of_targets_may_shift():
+    """A plate that was placed twice, and a wall; each body needs rows before its shift, and after it."""
+    names = ("ball.A@1", "ball.B@1", "ball.A@2", "ball.B@2", "wall", "post")
+    tied = SimpleNamespace(certificates=(Certificate("distance", ("wall", "post"), 0.3, 1e-6),))
+    groups = bodies(tied, names)
+    assert groups == {"ball@1": [*names[:2]], "ball@2": [*names[2:4]], "wall+post": ["wall", "post"]}
+    scene = Scene(tracker(seed=3, count=90).dataset)
+    place = np.array([0.4, 0.2, 0.1])
+    on = [(np.arange(90) % 3 == k).astype(float) for k in range(3)]
+    sites = [(name, rows, place) for name, rows in zip(groups, on, strict=True)]
+    c = replace(scene.circumstances(scene.rows("calibrate")), instruments=(), artefacts=tuple(sites))
+    shifts = [p for p in parameters_of(("step@61 at ball@2",), c) if p.effect == "step"]
+    assert len(shifts) == 6
+    for p in shifts:
+        np.testing.assert_array_equal(p.terms[0].driver, on[1] * (np.arange(90) >= 60))
+    assert {p.site for p in EFFECTS["step"].at(c, 61.0)} == {BASE, TOOL, *map(face, groups)}
+    assert {p.site for p in EFFECTS["step"].at(c, 5.0)} == {BASE, TOOL}
+    alone = replace(c, artefacts=(("cube", np.ones(90), place),))
+    assert {p.site for p in EFFECTS["step"].at(alone, 61.0)} == {BASE, TOOL}
+    cell = {cell.site for cell in cells(c) if cell.driver.kind == "event" and cell.of_known_effect}
+    assert cell == {BASE, TOOL, *map(face, groups)}
+
+
+def test_a_shift_that_explains_nearly_all_of_a_drift_is_stated():
+    where = (TOOL, "time"), (BASE, "event"), (TOOL, "event")
+    pool = SimpleNamespace(cells=[SimpleNamespace(site=s, driver=Driver(kind)) for s, kind in where])
+    for gain, said_too in ((41.0, True), (39.0, False)):
+        ranked = [CellFit(k, g, 0, 1.0) for k, g in ((0, 50.0), (1, 49.0), (2, gain))]
+        assert (_sudden(ranked, pool) is ranked[2]) == said_too
 
 
 def test_rows_of_a_long_session_are_searched_twice():

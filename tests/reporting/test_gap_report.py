@@ -352,9 +352,9 @@ def causes_session(cube):
     return cube(seed=7, count=240).dataset
 
 
-def shifted(dataset, family_p_value: float = 1e-9, *, explained_by: str = "") -> Gap:
+def shifted(dataset, family_p_value: float = 1e-9, *, explained_by: str = "", kind: str = "unknown") -> Gap:
     """A gap whose first location is a tool that shifts at the 13th row."""
-    gap = diagnosis(dataset, "unknown")
+    gap = diagnosis(dataset, kind)
     values = zip("xyz", (10e-6, -4.6e-6, 120e-6), (1.4e-6, 2.1e-6, 3e-6), strict=True)
     moved = tuple(
         Amplitude("unknown", TOOL, Driver("event"), (), f"shift {a}", v, u, "m", None, v > 5e-6)
@@ -385,6 +385,26 @@ def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_ses
         "significant": True,
     }  # fmt: skip
     assert "another tool" in place["remedy"]
+
+
+@pytest.mark.parametrize("kind", SETS)
+def test_a_sudden_change_has_its_row_size_and_remedy_whatever_the_verdict(causes_session, kind):
+    gap = shifted(causes_session, kind=kind)
+    flat, record = " ".join(printed(gap).split()), gap_record(gap)
+    assert (
+        f"he tool shifted at row 13 ({causes_session.measurements.ids[12]}; rows 12 to 14 at 95 %) by" in flat
+    )
+    assert "inspect Look at the log at this row: a tool (stylus" in flat
+    (fault,) = [f for f in faults(record) if "a tool (stylus" in f.remedy]
+    assert "shifted at row 13" in dict(fault.facts)["what happens"]
+
+
+def test_a_drift_that_a_sudden_change_explains_has_its_row(causes_session):
+    gap = shifted(causes_session)
+    drifts = replace(gap.where[0], driver=Driver("activity"))
+    lines = headline(replace(gap, where=(drifts, *gap.where[1:])))
+    assert "at tool, earlier motion of the arm" in lines[0]
+    assert lines[1].startswith("A sudden change alone explains most of it: the tool shifted at row 13")
 
 
 def test_nothing_is_listed_that_validation_does_not_show(session):

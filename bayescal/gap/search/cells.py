@@ -202,13 +202,14 @@ def _time(c: Circumstances) -> Iterator[Cell]:
                 courses += _settling(of[0], c.fitted)
             sets = (tuple(p for w in waves for p in move(w)) for waves in courses if waves for move in ways)
             yield Cell(site, Driver(name), tuple(sets))
+    named = {BASE, *makers.bodies(c), *([TOOL] if reflectors(c) else [])} if "step" in EFFECTS else set()
+    for site, ways in (movers(c) | makers.bodies(c)).items():
         steps = [
             tuple(move((order >= c.fitted[k]).astype(float)))
             for move in ways
             for k in _within(c, move, positions)
         ]
-        of_known_effect = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
-        yield Cell(site, Driver("event"), tuple(steps), of_known_effect=of_known_effect)
+        yield Cell(site, Driver("event"), tuple(steps), of_known_effect=site in named)
 
 
 def _settling(clock: np.ndarray, fitted: np.ndarray) -> list[list[np.ndarray]]:

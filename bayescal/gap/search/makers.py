@@ -81,18 +81,31 @@ Mover = Callable[[np.ndarray], list[Parameter]]
 SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 
 
+def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
+    """Displacements of frames along axes, in the rows (N,) where it is 1."""
+
+    def move(d: np.ndarray) -> list[Parameter]:
+        driver = d * rows  # one array for all axes
+        return [along(f, axis, driver, CELLS.angle / 2) for f, of in axes.items() for axis in of]
+
+    return move
+
+
+def bodies(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
+    """Instruments and rigid bodies of targets that may shift alone, beside others, as `movers`."""
+    every = ((name, rows) for name, rows, _ in (*c.instruments, *c.artefacts))
+    return {
+        location.face(name): (displaced({0: (*SHIFTS, *TURNS)}, rows),)
+        for name, rows in every
+        if np.sum(rows[c.fitted]) < len(c.fitted)
+    }
+
+
 def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
     """Sites that may drift with time or shift suddenly, and their parameters for a driver (N,).
 
     Of several tools, all may move together, or each alone; a tool whose orientation is read also turns.
     """
-
-    def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
-        def move(d: np.ndarray) -> list[Parameter]:
-            driver = d * rows  # one array for all axes
-            return [along(f, axis, driver, CELLS.angle / 2) for f, of in axes.items() for axis in of]
-
-        return move
 
     def turn(j: int) -> Mover:
         return lambda d: list(at_joint(c, j, [d], side_of(c.robot)))

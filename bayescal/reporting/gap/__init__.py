@@ -44,10 +44,9 @@ def sites_of(amplitudes: Sequence[Json]) -> str:
 
 
 def unexplained(record: Json) -> Json | None:
-    """The largest location that no named effect explains, where the verdict is an unmodelled effect."""
-    if record["verdict"] not in UNMODELLED:
-        return None
-    return next((w for w in record["where"] if not w["explained_by"]), None)
+    """The largest location that no named effect explains: of an unmodelled effect, or of a sudden change."""
+    first = next((w for w in record["where"] if not w["explained_by"]), None)
+    return first if first and (record["verdict"] in UNMODELLED or "event" in first) else None
 
 
 def per_vector(what: str, components: int) -> float:

@@ -21,6 +21,8 @@ PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
 MOSTLY = 0.5
 """Share of the square of an error in a region, above which the target that has it is named (convention)."""
+EVENT = "event"
+MOST = "a sudden change alone explains most of it: "
 LOG = "Look at the log at this row: "
 KEPT = " Until then, keep the rows before and after it in sessions of their own."
 CAUSES = {
@@ -152,7 +154,8 @@ def cause(where: Place) -> tuple[str, str] | None:
     """The cause that a significant unmodelled location shows, as of `CAUSES`, or None."""
     if where.explained_by or not where.family_p_value < PLAIN:
         return None
-    return CAUSES.get((where.site.kind, where.driver.kind, where.driver.form))
+    kind, form = (EVENT, "") if where.event else (where.driver.kind, where.driver.form)
+    return CAUSES.get((where.site.kind, kind, form))
 
 
 def site_text(where: Place, dataset: Dataset, article: str = "") -> str:
@@ -210,7 +213,7 @@ def sentence(where: Place, dataset: Dataset) -> str:
     if target := mostly(where, dataset):
         text += f"; most of it is on {target}: its place or a certified value may be in error instead"
     if where.event is not None:
-        text += f" at {when(where.event, dataset)}"
+        text = f"{'' if where.driver.kind == EVENT else MOST}{text} at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
     return text + "".join(f" {part}" for part in _sizes(shown))
 

@@ -100,7 +100,8 @@ def headline(gap: Gap) -> list[str]:
         for n in unnamed(verdict)
     ]
     if verdict.kind == "null":
-        return [_nothing(gap), *_noisy(gap), *likely]
+        change = _event(where, "Largest location, not established", gap)
+        return [_nothing(gap), *_noisy(gap), *change, *likely]
     members = verdict.causes.members if verdict.causes else {}
     sure = [n for n in verdict.named if n.effect not in members]
     lines = []
@@ -130,10 +131,12 @@ def headline(gap: Gap) -> list[str]:
         lines.append(
             beside if sure else "Ambiguous: these data do not distinguish the effects of the 90 % set"
         )
-        shown = where is not None and where.family_p_value < PLAIN
-        lines += [f"Largest location: {place(where, gap.dataset)}"] if where and shown else []
+        if where and where.family_p_value < PLAIN:
+            lines += [f"Largest location: {place(where, gap.dataset)}", *_cause(where, gap)]
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
+    if verdict.kind in ("named", "class"):
+        lines += _event(where, "Largest location without a name", gap)
     if verdict.kind == "named":
         lines += _beyond(gap)
     lacking = [f"{listed(effects)} (no {columns})" for columns, effects in unshown(verdict).items()]
@@ -283,6 +286,12 @@ def _cause(where: Place | None, gap: Gap) -> list[str]:
     """What a significant unmodelled location shows, as a sentence; none if it shows nothing."""
     text = sentence(where, gap.dataset) if where else ""
     return [text[:1].upper() + text[1:]] if text else []
+
+
+def _event(where: Place | None, what: str, gap: Gap) -> list[str]:
+    """The sudden change at a location, as a sentence; none if there is none."""
+    text = sentence(where, gap.dataset) if where and where.event else ""
+    return [f"{what}: {text}"] if text else []
 
 
 def warnings(gap: Gap) -> tuple[str, ...]:

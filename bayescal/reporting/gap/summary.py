@@ -156,9 +156,9 @@ def _amplitudes(gap: Gap, record: Json) -> text.Facts:
 
 
 def _remedy(record: Json) -> text.Facts:
-    """What to inspect on the machine, of an unmodelled effect alone."""
-    where = sheets.unexplained(record) if record["verdict"] == "unknown" else None
-    if where and "remedy" in where:
+    """What to inspect on the machine, of an unmodelled effect alone and of a sudden change beside others."""
+    where = sheets.unexplained(record)
+    if where and "remedy" in where and (record["verdict"] == "unknown" or "event" in where):
         yield "inspect", where["remedy"], ""
 
 

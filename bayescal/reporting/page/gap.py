@@ -90,8 +90,8 @@ def faults(record: Json) -> list[Fault]:
         doubt = doubt_of(named)
         advice = FIRST if doubt or record["class"] else _remedy(named["effect"])
         out.append(Fault(f"{doubt}{name}", _stated(facts), advice))
-    if record["verdict"] in sheets.UNMODELLED and not may_be:
-        where = sheets.unexplained(record)
+    where, unmodelled = sheets.unexplained(record), record["verdict"] in sheets.UNMODELLED
+    if (unmodelled and not may_be) or (where and "event" in where):
         p = record["probability"].get(sheets.OTHER)
         facts = [
             ("location", where["text"] if where else "no single location"),
@@ -101,9 +101,13 @@ def faults(record: Json) -> list[Fault]:
             ("what happens", where.get("words", "") if where else ""),
         ]
         remedy = where.get("remedy", "") if where else ""
-        out.append(Fault(text.rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
+        name = f"{'' if unmodelled else 'possibly '}{text.rival(sheets.OTHER)}"
+        out.append(Fault(name, _stated(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
-        may_be = tuple(n for n in record["credible_set90"] if n not in (sheets.NULL, *record["effects"]))
+        said = [sheets.OTHER] if where else []
+        may_be = tuple(
+            n for n in record["credible_set90"] if n not in (sheets.NULL, *said, *record["effects"])
+        )
     if record["class"]:
         likely = (n for n, p in record["class"]["members"].items() if p >= LIKELY)
         may_be = tuple(sheets.OTHER if n == OTHER else n for n in likely if n not in record["effects"])
@@ -185,7 +189,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
             what = f"with the effects that are named, errors of {text.listed(larger)} are larger"
             step = (f"Measure more, and diagnose again: {what}.", "")
         out.append(step)
-    if sheets.unexplained(record):
+    if record["verdict"] in sheets.UNMODELLED and sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     if _planned(record):
         advised = [c for advice in record["next"] for c in advice["contacts"]]
