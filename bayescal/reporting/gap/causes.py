@@ -21,9 +21,8 @@ PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
 MOSTLY = 0.5
 """Share of the square of an error in a region, above which the target that has it is named (convention)."""
-EVENT = "event"
-MOST = "a sudden change alone explains most of it: "
 LOG = "Look at the log at this row: "
+MOST = "a sudden change alone explains most of it: "
 KEPT = " Until then, keep the rows before and after it in sessions of their own."
 CAUSES = {
     ("base", "base moment", "sign"): (
@@ -154,8 +153,8 @@ def cause(where: Place) -> tuple[str, str] | None:
     """The cause that a significant unmodelled location shows, as of `CAUSES`, or None."""
     if where.explained_by or not where.family_p_value < PLAIN:
         return None
-    kind, form = (EVENT, "") if where.event else (where.driver.kind, where.driver.form)
-    return CAUSES.get((where.site.kind, kind, form))
+    driver = ("event", "") if where.event else (where.driver.kind, where.driver.form)
+    return CAUSES.get((where.site.kind, *driver))
 
 
 def site_text(where: Place, dataset: Dataset, article: str = "") -> str:
@@ -189,8 +188,7 @@ def beside_base(dataset: Dataset, drivers: Sequence[str]) -> str:
 
 
 def _fitted_targets(dataset: Dataset) -> list[int]:
-    m = dataset.measurements
-    return np.unique(m.target[m.role == "calibrate"]).tolist()
+    return np.unique(dataset.measurements.target[dataset.measurements.role == "calibrate"]).tolist()
 
 
 def mostly(where: Place, dataset: Dataset) -> str:
@@ -204,8 +202,7 @@ def mostly(where: Place, dataset: Dataset) -> str:
 
 def sentence(where: Place, dataset: Dataset) -> str:
     """What happens, when, and by how much: ``the tool shifted at row 212 by (10.0(4), ...) µm``; or ""."""
-    happens = cause(where)
-    if happens is None:
+    if (happens := cause(where)) is None:
         return ""
     text = happens[0].format(site=site_text(where, dataset, "the "), joint=f"J{where.driver.joint}")
     if where.driver.kind == "reading" and len(_fitted_targets(dataset)) > 1:
@@ -213,7 +210,7 @@ def sentence(where: Place, dataset: Dataset) -> str:
     if target := mostly(where, dataset):
         text += f"; most of it is on {target}: its place or a certified value may be in error instead"
     if where.event is not None:
-        text = f"{'' if where.driver.kind == EVENT else MOST}{text} at {when(where.event, dataset)}"
+        text = f"{'' if where.driver.kind == 'event' else MOST}{text} at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
     return text + "".join(f" {part}" for part in _sizes(shown))
 
