@@ -9,6 +9,7 @@ draw, and their mean, is an arm that could be built.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +17,10 @@ import numpy as np
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimate_of, of_role
+from bayescal.motion.expected import expected_of
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, spread
-from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, each, root_mean_square, where_moving
 from bayescal.motion.terms import BODY, Operating, nominal
 from bayescal.storage.stopping import Progress, silent
@@ -172,25 +173,17 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, final: Operating) 
     if not parts:
         return ()
 
-    def rms(model: Operating, some: tuple[Signals, ...]) -> np.ndarray:
-        residuals = ((s.unfiltered(model.measured(s) - model.shown(s)), s) for s in each(some))
-        return root_mean_square(where_moving(x, s) for x, s in residuals)
+    def off(model: Operating, role: str) -> Iterator[tuple[Signals, np.ndarray]]:
+        some = each(of_role(estimate.parts, role))
+        return ((s, s.unfiltered(model.measured(s) - model.shown(s))) for s in some)
 
-    before, after = rms(start, parts), rms(final, parts)
-    noise = rms(final, of_role(estimate.parts, CALIBRATE))
-    table = tabulated(parts, estimate.columns, estimate.residual)
-    covariance = fit.covariance * np.outer(fit.sd, fit.sd)
-    extra = np.zeros(log.n)
-    for p in table.parts:
-        for j, (chosen, x) in zip(range(log.n), p.channels, strict=False):
-            extra[j] += np.mean(np.einsum("ij,jk,ik->i", x, covariance[np.ix_(chosen, chosen)], x))
-    expected = np.sqrt(noise**2 + extra / len(parts))
-    # half the variance of an RMS of N correlated rows is 1 / (2 N / correlation length)
-    seconds = sum(len(s.time) * s.step for s in parts)
-    spread = np.sqrt(OUTCOME.block / (2.0 * seconds))
-    low, high = expected * (1.0 - 1.96 * spread), expected * (1.0 + 1.96 * spread)
-    rows = zip(log.mechanism.joint_names, before, after, expected, low, high, strict=True)
-    return tuple(Withheld(n, b, a, e, (lo, hi)) for n, b, a, e, lo, hi in rows)
+    def rms(model: Operating) -> np.ndarray:
+        return root_mean_square(where_moving(x, s) for s, x in off(model, VALIDATE))
+
+    held = tabulated(parts, estimate.columns, estimate.residual)
+    e = expected_of(final, off(final, CALIBRATE), held, fit)
+    rows = zip(log.mechanism.joint_names, rms(start), rms(final), e.rms, *e.interval95, strict=True)
+    return tuple(Withheld(n, b, a, x, (low, high)) for n, b, a, x, low, high in rows)
 
 
 def _combinations(fit: Fit, names: list[str]) -> tuple[str, ...]:

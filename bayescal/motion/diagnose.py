@@ -1,7 +1,6 @@
 """The diagnosis of a log: which effects explain what the baseline leaves, where, and how errors shrink.
 
-Its result as frozen records, in SI. What to log next, so that a cause that is left open shows itself: what a
-person does for each quantity.
+Its result as frozen records, in SI. What to log next for a cause that is left open: what a person does.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from bayescal.motion.beside import beside, simplified
 from bayescal.motion.controller import with_torques
 from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.estimate import Estimate, estimate_of, noise_about
+from bayescal.motion.expected import Expected, expected_of
 from bayescal.motion.linear import Fit, Normal, joined, normal
 from bayescal.motion.pool import Pool
 from bayescal.motion.possible import NamedArm, named_arm
@@ -73,7 +73,7 @@ class Shrinkage:
 
     before: np.ndarray
     after: np.ndarray
-    floor: np.ndarray  # of the noise, from calibration motions
+    expected: Expected
     removed: float  # share of the excess variance, over all joints in units of the noise; nan without excess
     removed_interval95: tuple[float, float]
     gain: float  # log predictive density of the validation motions, nats, over the baseline
@@ -327,20 +327,20 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     """Torque error on validation motions with the baseline and with the named effects."""
     null, named = search.fit(), search.fit(v.named.members)
     before, after = moving(pool, null), moving(pool, named)
-    leading = search.fit(v.leading.members)
-    floor = rms(where_moving(residual, s) for s, residual in pool.unfiltered(leading.values, CALIBRATE))
+    off = pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE)
+    expected = expected_of(pool.estimate.model, off, pool.table.of_role(VALIDATE), named)
     gain = 0.5 * (null.chi2(held) - named.chi2(held))
     share, low, high = np.nan, np.nan, np.nan
     if v.named.members:
-        first, last = (np.concatenate([_blocks(x, pool) for x in of]) / floor**2 for of in (before, after))
+        size = expected.rms
+        first, last = (np.concatenate([_blocks(x / size, pool) for x in of]) for of in (before, after))
         share = _removed(first, last)
         picked = np.random.default_rng(0).integers(0, len(first), (OUTCOME.draws, len(first)))
         draws = [_removed(first[k], last[k]) for k in picked]
         if np.any(np.isfinite(draws)):
             low, high = map(float, np.nanquantile(draws, (0.025, 0.975)))
-    return Shrinkage(
-        rms(before), rms(after), floor, share, (low, high), gain, course(pool, floor, before, after)
-    )
+    shown = course(pool, expected.floor, before, after)
+    return Shrinkage(rms(before), rms(after), expected, share, (low, high), gain, shown)
 
 
 def course(

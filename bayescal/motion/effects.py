@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.errors import listed
 from bayescal.logs import Log
 from bayescal.logs.types import LINK, SERVO, TRACKING, inertial
 from bayescal.motion.dynamics import carried, payload_of
@@ -39,7 +40,7 @@ OF_THE_ARM = (
 )
 """Effects that are torques of the arm; others are errors of their measurement, or do not move an arm much."""
 NO_TORQUE = "no torques are logged"
-STICKS = "it is alike to the stiction of a servo: log second encoders"
+BY_HAND = "log second encoders, or hold the servo and move the link by hand: the reading does not see the gap"
 UNSEEN = "motor torques do not show it below the bandwidth of the drives: log second encoders"
 SIMULATE, INSPECT = "Simulate the arm with it.", "Simulate the arm with it, or inspect the gear."
 """Remedies of what is no fault of a part."""
@@ -137,6 +138,17 @@ def _no_stiffness(log: Log) -> str:
     return "" if stated or TRACKING in log.kinds else none
 
 
+def _no_gap(log: Log) -> str:
+    """A gap is crossed where the torque of a joint changes its sign, and there a servo sticks too."""
+    if LINK in log.kinds or log.torque_kind != SERVO:
+        return "" if LINK in log.kinds else UNSEEN
+    torques = np.concatenate([m.torque for m in log.motions if m.torque is not None])
+    low, high = np.quantile(torques, FORMS.one_sided, axis=0)
+    one = [name for name, a in zip(log.mechanism.joint_names, low * high > 0.0, strict=True) if a]
+    kept = f"; the torque of {listed(one)} keeps its sign, so that no gap is crossed there" if one else ""
+    return f"it is alike to the stiction of a servo{kept}: {BY_HAND}"
+
+
 def _no_loads(log: Log) -> str:
     return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
 
@@ -179,7 +191,10 @@ def _of_joints(effect: str, *of: Kind, first: int = 0) -> Iterator[FormColumn]:
             yield form, form.term(unit, size, first + j), columns[:, j]
 
 
-@effect("armature", "error of the rotor's inertia", "Use what was found.", positive=True)
+@effect(
+    "armature", "error of the rotor's inertia", "Use what was found.", positive=True,
+    of_servo="it is alike to a lag of the command, or a filter of it",
+)  # fmt: skip
 def _armature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     sd = FORMS.armature * np.maximum(model.armature, scale.torque / FORMS.acceleration)
     return _of_joints("armature", ("acceleration", "", "kg m2", sd, s.ddq))
@@ -334,9 +349,7 @@ def _elasticity(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColu
     return _of_joints("elasticity", of, first=channel(s.log, LINK, 0))
 
 
-@effect(
-    "backlash", "backlash", "Adjust the gear.", needs=_without(LINK, UNSEEN), positive=True, of_servo=STICKS
-)
+@effect("backlash", "backlash", "Adjust the gear.", needs=_no_gap, positive=True)
 def _backlash(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     def kind(side: float) -> Kind:
         setting = f"over {side:g} of its RMS"

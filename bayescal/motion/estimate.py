@@ -15,7 +15,17 @@ from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulate
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE, SIGNALS
 from bayescal.motion.signals import Bands, Signals, all_signals, each
-from bayescal.motion.terms import FORM, Column, Operating, baseline, channel, from_nominal, nominal, residuals
+from bayescal.motion.terms import (
+    FORM,
+    Column,
+    Operating,
+    baseline,
+    by_joint,
+    channel,
+    from_nominal,
+    nominal,
+    residuals,
+)
 
 
 @dataclass(frozen=True)
@@ -118,7 +128,7 @@ def estimate_of(log: Log) -> Estimate:
     while True:
         out = estimated(all_signals(log, bands))
         if log.torque_kind == SERVO:
-            return out
+            return _alike(out) if log.controller.stated else out
         share = bands.share(whole, out.noise.sd[: log.n])
         if share <= SIGNALS.small:
             return out
@@ -126,6 +136,25 @@ def estimate_of(log: Log) -> Estimate:
             wider = (share / SIGNALS.small) ** SIGNALS.unsure
             return estimated(tuple(s.changed(wider=wider) for s in out.parts))
         bands = bands.narrower(share)
+
+
+def _alike(of: Estimate) -> Estimate:
+    """The estimate with servos whose stiffness is as uncertain as those of the log differ."""
+    n, fit, log = of.parts[0].log.n, of.fit(), of.parts[0].log
+    value, u = (by_joint(x, n, "constant") for x in (fit.values, fit.u))
+    log = replace(log, u_constant=spread_of_servos(value, u))
+    return replace(of, parts=tuple(s.changed(log=log) for s in of.parts))
+
+
+def spread_of_servos(value: np.ndarray, u: np.ndarray) -> float:
+    """Relative standard uncertainty of a stiffness, by the deviations (n,) of all from what is stated.
+
+    The one that differs most is left out: it is to be found, not believed.
+    """
+    known = np.sort(np.abs(value[u < SERVOS.known * SERVOS.gain]))[:-1]
+    if len(known) < SERVOS.few:
+        return SERVOS.gain
+    return float(np.clip(np.sqrt(np.mean(known**2)), SERVOS.least, SERVOS.gain))
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:

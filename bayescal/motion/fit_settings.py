@@ -116,6 +116,12 @@ class ServoSettings:
     """Factor on the noise, for what a model of stiction lacks (tuned)."""
     gain: float = 0.05
     """Relative standard uncertainty of the stiffness of a servo (assumed)."""
+    least: float = 0.02
+    """The same where the others of a log differ less from what is stated (assumed)."""
+    known: float = 0.5
+    """Share of it up to which a log determines a stiffness (as of parameters)."""
+    few: int = 2
+    """Others that a log must determine (assumed)."""
     rounds: int = 20
     """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
     settled: float = 0.005

@@ -36,6 +36,7 @@ class Part:
     residual: np.ndarray
     numbers: tuple[np.ndarray, ...]
     blocks: tuple[tuple[Block, ...], ...]  # of columns
+    wider: float | np.ndarray = 1.0  # noise of this motion over that of the others, of each channel
 
     def of(self, channel: int) -> tuple[np.ndarray, np.ndarray]:
         """Numbers (K,) of the terms that act in a channel, and their columns (M, K)."""
@@ -54,7 +55,8 @@ class Part:
 
     def whitened(self, noise: Noise, x: np.ndarray, channel: int) -> np.ndarray:
         """Rows (M, ...) of a channel without their predictable part, in units of the noise."""
-        return noise.without(noise.whitened(x, channel), self.missing[channel], channel)
+        white = noise.without(noise.whitened(x, channel), self.missing[channel], channel)
+        return white / np.broadcast_to(self.wider, len(self.numbers))[channel]
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,11 @@ class Table:
     def of_role(self, *roles: str) -> Table:
         """The motions of some roles."""
         return Table(self.terms, tuple(p for p in self.parts if p.signals.role in roles))
+
+    def wider(self, role: str, factor: np.ndarray) -> Table:
+        """The table with more noise in the motions of a role, by a factor of each channel."""
+        parts = (replace(p, wider=factor) if p.signals.role == role else p for p in self.parts)
+        return Table(self.terms, tuple(parts))
 
     def extended(self, further: Sequence[tuple[Sequence[Term], Sparse]]) -> Table:
         """The table with further terms, each set with its columns."""

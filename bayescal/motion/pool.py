@@ -16,6 +16,7 @@ from bayescal.logs.types import VALIDATE
 from bayescal.motion.bank import Bank
 from bayescal.motion.effects import BASE, TOOL, Form, Scale, Waves, in_all_joints
 from bayescal.motion.estimate import Estimate
+from bayescal.motion.expected import widened
 from bayescal.motion.linear import Normal, Sparse, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, Kept, Ranges, candidates
@@ -64,6 +65,8 @@ class Pool:
         for form, term, _ in candidates(parts[0], model, scale, ranges):
             forms[form] = (*forms.get(form, ()), term.name)
         table = tabulated(parts, every, estimate.residual)
+        if parts[0].log.torque_kind == SERVO:
+            table = widened(model, table, estimate.noise)
         return cls(estimate, scale, ranges, forms | in_all_joints(forms), table)
 
     def extended(self, further: Sequence[Unlisted]) -> Pool:

@@ -184,6 +184,8 @@ class FormSettings:
     """rad, of a gear by its torque (RMS), and of its backlash (assumed)."""
     sides: tuple[float, ...] = (0.05, 0.2, 0.8)
     """Torque over its RMS over which a gear changes sides: a soft gear is like an elastic one (assumed)."""
+    one_sided: tuple[float, float] = (0.02, 0.98)
+    """Quantiles of the torque of a joint that keeps its sign if theirs is one (assumed)."""
     inertia: float = 2.0
     """Of inertial parameters, over their stated uncertainty (assumed)."""
 
@@ -363,6 +365,11 @@ class OutcomeSettings:
     """s of residuals that are drawn together for an interval: long against their correlation (assumed)."""
     draws: int = 400
     """Of that bootstrap (cost)."""
+    faster: float = 0.25
+    """Share of the model's torque above the band of the rows that is an error (tuned: 0.1 to 0.5 of servos in
+    20 simulated logs without an effect, withheld motions of which were up to ten times as fast)."""
+    unsure: float = 1.0
+    """Standard deviation of the logarithm of its square (of the same logs)."""
     slow: float = 0.05
     """rad/s, speed below which friction at low speed shows (assumed)."""
     slow_share: float = 0.02

@@ -38,9 +38,14 @@ def _sections(cut: float) -> np.ndarray:
 
 
 def derivative(x: np.ndarray, step: float) -> np.ndarray:
-    """Derivative (N, ...) of samples by five points; third order at the ends."""
-    out = np.gradient(x, step, axis=0, edge_order=2)
-    out[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * step)
+    """Derivative (N, ...) of samples by nine points; second order at the ends.
+
+    At a fifth of the sampling rate it is 0.5 % too small, by five points 7 %.
+    """
+    out, inner = np.gradient(x, step, axis=0, edge_order=2), len(x) - 8
+    if inner > 0:
+        weights = enumerate((0.8, -0.2, 4.0 / 105.0, -1.0 / 280.0), 1)
+        out[4:-4] = sum(w * (x[4 + k :][:inner] - x[4 - k :][:inner]) for k, w in weights) / step
     return out
 
 

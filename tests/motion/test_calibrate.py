@@ -44,7 +44,7 @@ def test_withheld_errors_are_as_expected(result):
 
 
 def test_expected_errors_are_noise_and_what_uncertain_parameters_add(null_estimate):
-    """In the mean over the withheld motions: more of them change the interval alone."""
+    """In the mean over the withheld motions, which are as fast: more of them change the interval alone."""
     fit, at = null_estimate.fit(), null_estimate.model
     fitted_rows, held = (of_role(null_estimate.parts, role) for role in ("calibrate", "validate"))
     left = [where_moving(s.unfiltered(at.measured(s) - at.shown(s)), s) for s in fitted_rows]
@@ -56,9 +56,10 @@ def test_expected_errors_are_noise_and_what_uncertain_parameters_add(null_estima
     for times in (1, 2):
         more = replace(null_estimate, parts=(*fitted_rows, *held * times))
         found = calibration._withheld(more, fit, at, at)
-        assert [w.expected for w in found] == pytest.approx(expected, rel=1e-6)
+        assert [w.expected for w in found] == pytest.approx(expected, rel=0.08)
         widths.append(np.array([np.ptp(w.interval95) / w.expected for w in found]))
-    assert widths[0] / widths[1] == pytest.approx(np.full(3, np.sqrt(2.0)))
+    most = np.sqrt((1 / 6 + 1 / 2) / (1 / 6 + 1 / 4))  # of six fitted motions and two withheld, or four
+    assert widths[0] / widths[1] == pytest.approx(np.full(3, most), rel=0.05)
 
 
 def test_every_number_of_a_fit_is_in_its_record_under_its_name_and_is_printed(result, monkeypatch):
@@ -81,7 +82,7 @@ def test_what_the_record_says_of_torque_and_parameters(result):
     assert result.record["torque_shift_ms"] == pytest.approx(1e3 * fit.shift)
     assert result.record["words"] == []
     first, *others = fit.withheld
-    large = replace(first, fitted=1.01 * first.interval95[1])
+    large = replace(first, fitted=1.01 * first.interval95[1], nominal=9.0 * first.nominal)
     (text,) = fit_record(replace(fit, withheld=(large, *others)))["words"]
     assert "more error than is expected" in text
     assert f"({first.joint} {large.fitted:.3g} for {first.expected:.3g} N m)" in text

@@ -7,6 +7,8 @@ import pytest
 
 from bayescal.motion import diagnose as outcome
 from bayescal.motion.effects import SATURATES, Form
+from bayescal.motion.expected import Expected
+from bayescal.motion.linear import Table
 from bayescal.motion.search import NULL, UNKNOWN, Hypothesis, Verdict, _explained, confirmed
 from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import Signals
@@ -16,7 +18,7 @@ LEFT = {"null": 3.0, "named": 1.0}
 """N m, residuals while the arm moves, of the baseline and with the named effect."""
 
 
-def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
+def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows(monkeypatch):
     """Slow rows, with a hundred times the residual, do not count."""
     moving = np.tile([True, False, True, True], 50)
     speed = np.where(moving, 1.01, -0.99)[:, None] * OUTCOME.moving
@@ -28,8 +30,10 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     sign = np.where(np.arange(200) % 3, 1.0, -1.0)
 
     def unfiltered(name, role="validate"):
-        left = np.where(moving, LEFT[name], 100.0) * sign if role == "validate" else np.full(200, 0.5)
-        return [(part, left[:, None])]
+        return [(part, (np.where(moving, LEFT[name], 100.0) * sign)[:, None])]
+
+    half = np.full(1, 0.5)
+    monkeypatch.setattr(outcome, "expected_of", lambda *of: Expected(half, half, np.array([half, half])))
 
     fits = {
         (): SimpleNamespace(values="null", chi2=lambda held: 30.0),
@@ -37,11 +41,11 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     }
     search = SimpleNamespace(fit=lambda members=(): fits[members])
     chosen = SimpleNamespace(members=("effect",))
-    estimate = SimpleNamespace(parts=[s])
-    pool = SimpleNamespace(unfiltered=unfiltered, estimate=estimate)
+    estimate = SimpleNamespace(parts=[s], model=None)
+    pool = SimpleNamespace(unfiltered=unfiltered, estimate=estimate, table=Table((), ()))
     found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
     assert found.gain == pytest.approx((30.0 - 10.0) / 2)
-    assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
+    assert [found.before, found.after] == pytest.approx([3.0, 1.0])
     assert found.removed == pytest.approx((9.0 - 1.0) / (9.0 - 0.25))
     assert found.removed_interval95 == pytest.approx([found.removed] * 2)
     assert (found.course.motion, found.course.time[1]) == ("last", 1.0)

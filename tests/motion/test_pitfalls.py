@@ -74,12 +74,14 @@ def test_noise_of_an_empty_band_is_not_amplified():
     assert np.mean(noise.whitened(other[:, 0], 0) ** 2) < 1.5
 
 
-def test_derivatives_keep_five_hertz_at_a_hundred():
-    t = np.arange(0.0, 2.0, 0.01)
+@pytest.mark.parametrize("step", [0.01, 0.04])
+def test_derivatives_keep_five_hertz(step):
+    """At a hundred rows a second by central differences it was 0.967, at 25 by five points 0.87."""
+    t = np.arange(0.0, 200 * step, step)
     w = 2.0 * np.pi * 5.0
-    ddq = derivative(derivative(np.sin(w * t)[:, None], 0.01), 0.01)[10:-10, 0]
+    ddq = derivative(derivative(np.sin(w * t)[:, None], step), step)[10:-10, 0]
     share = -ddq @ np.sin(w * t)[10:-10] / (w**2 * np.sum(np.sin(w * t)[10:-10] ** 2))
-    assert share == pytest.approx(1.0, abs=0.005)  # twice by central differences: 0.967
+    assert share == pytest.approx(1.0, abs=0.02 if step > 0.01 else 0.005)
 
 
 def test_another_transition_speed_of_friction_is_estimated(tmp_path):
@@ -199,7 +201,7 @@ def test_a_log_in_which_no_joint_moves_has_errors_of_all_rows(tmp_path, monkeypa
     monkeypatch.setattr(made, "path", resting)
     found = diagnose(read_log(write(tmp_path / "log")))
     assert found.verdict.kind == "null"
-    assert found.shrinkage.before == pytest.approx(found.shrinkage.floor, rel=0.5)
+    assert found.shrinkage.before == pytest.approx(found.shrinkage.expected.rms, rel=0.5)
     assert found.shrinkage.before == pytest.approx(0.8 * made.SIGMA / np.sqrt(1.0 - 0.6**2), rel=0.6)
 
 

@@ -17,6 +17,8 @@ from bayescal.logs import read_log
 from bayescal.logs.types import SERVO, TORQUE
 from bayescal.motion.controller import is_servo, with_torques
 from bayescal.motion.dynamics import carried, regressor, stuck
+from bayescal.motion.effects import EFFECTS
+from bayescal.motion.estimate import spread_of_servos
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.signals import all_signals
 
@@ -117,8 +119,29 @@ def test_check_says_what_can_be_assessed(logs):
     assert not [f for f in data.findings if f.kind == "refused"]
     assert {"payload", "stribeck", "load-friction", "servo-stiffness"} <= set(data.assessed)
     assert "alike to viscous friction" in data.not_assessed["delay"]
+    assert "lag of the command" in data.not_assessed["armature"]
     assert "stiction" in data.not_assessed["backlash"]
     assert data.not_assessed["torque-constant"] == "no torques are logged"
+
+
+def test_a_gap_is_crossed_where_the_torque_changes_its_sign(logs):
+    log = with_torques(read_log(logs["cable"][0]))
+    pressed = tuple(replace(m, torque=m.torque + 9.0 * np.eye(5)[0]) for m in log.motions)
+    said = [EFFECTS["backlash"].lacks(x) for x in (log, replace(log, motions=pressed))]
+    assert ["J1" in x for x in said] == [False, True]
+    assert "keeps its sign" in said[1]
+    seen = replace(log, link_side=False, motions=tuple(replace(m, link=m.position) for m in log.motions))
+    assert EFFECTS["backlash"].lacks(seen) == ""
+
+
+def test_a_servo_that_differs_from_the_others_is_not_believed():
+    """With 5 % for all, a servo of 16 % less stiffness was 3 u from what is stated: `null`, P 0.98."""
+    u = np.array([0.018, 0.002, 0.002, 0.004, 0.049])
+    assert spread_of_servos(np.array([0.01, -0.002, 0.157, 0.014, -0.3]), u) == SERVOS.least
+    others = np.array([0.03, 0.04, 0.157, 0.03, 0.0])
+    assert spread_of_servos(others, u) == pytest.approx(np.sqrt((2 * 9 + 16) / 3) / 100)
+    assert spread_of_servos(2.0 * others, u) == SERVOS.gain
+    assert spread_of_servos(others, u * [9, 1, 1, 9, 1]) == SERVOS.gain  # the log tells two of them alone
 
 
 def test_the_arm_of_a_calibration_is_verified_with_its_servos(logs, tmp_path):

@@ -34,7 +34,7 @@ DISPLAYED = {
 """Unit in memory -> unit in print and factor to it; others are printed as they are."""
 LEAST = 0.01
 """Least probability of a cause that is listed."""
-EXPECTED = "residual of fitted motions: noise, and what the model of friction lacks"
+EXPECTED = "by the residual of fitted motions, what is faster in withheld ones, and u of the parameters"
 """What the column `expected` of withheld motions is."""
 
 
@@ -99,8 +99,20 @@ def torque_sheet(record: Json) -> Sheet:
     """RMS of the residuals on validation motions, joint by joint: of torques, or of servos."""
     keys, items = shrinkage_of(record)
     heads = zip(("model", "with the effects", "expected"), keys, strict=True)
-    columns = (Column(head, key, newton_metres) for head, key in heads)
-    return Sheet((Column(residual_of(record), "joint"), *columns), items)
+    columns = [
+        Column(residual_of(record), "joint"),
+        *(Column(head, key, newton_metres) for head, key in heads),
+    ]
+    of = record["shrinkage"]["tracking" if record["unit"] == "deg" else "torque"]
+    if ends := of.get(key := f"expected_interval95_{record['unit']}"):  # not in a file of an earlier version
+        columns.append(Column("95 %", key, interval))
+        items = [{**item, key: e} for item, e in zip(items, ends, strict=True)]
+    return Sheet(tuple(columns), items)
+
+
+def interval(ends: list[float]) -> str:
+    """An interval of torques, N m, or of angles."""
+    return " .. ".join(map(newton_metres, ends))
 
 
 def replay_of(record: Json) -> Json:
@@ -165,10 +177,6 @@ def amplitude_sheet(record: Json) -> Sheet:
 def withheld_sheet(record: Json) -> Sheet:
     """Errors of withheld motions."""
     unit = record["unit"]
-
-    def interval(ends: list[float]) -> str:
-        return " .. ".join(map(newton_metres, ends))
-
     columns = (
         Column(residual_of(record), "joint"),
         Column("nominal", f"nominal_rms_{unit}", newton_metres),

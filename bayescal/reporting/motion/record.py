@@ -72,7 +72,8 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
     errors = {
         f"before_rms_{unit}": by * s.before,
         f"after_rms_{unit}": by * s.after,
-        f"floor_{unit}": by * s.floor,
+        f"floor_{unit}": by * s.expected.rms,
+        f"expected_interval95_{unit}": (by * s.expected.interval95).T,
         **entry(s, "removed", "removed_interval95", "delta_elpd=gain"),
     }
     servo = log.torque_kind == SERVO
@@ -102,7 +103,7 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         },
         "noise": {
             "lag1": gap.estimate.noise.lag1[: log.n],
-            f"floor_{unit}": by * s.floor,
+            f"floor_{unit}": by * s.expected.floor,
             "stated_Nm": None if servo else log.noise,
         },
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
@@ -234,6 +235,14 @@ def words(gap: MotionGap) -> list[str]:
     if v.kind == "null":
         largest = max((LEAST, *(p for n, p in v.probability.items() if n != "null")))
         out.append(f"No effect above noise (no other cause has a probability above {largest:.2g}).")
+    s, what = gap.shrinkage, "N m" if unit == UNIT else "deg"
+    rows = zip(gap.estimate.parts[0].log.mechanism.joint_names, by, s.after, s.expected.rms, strict=True)
+    each = [f"{name} {x * a:.3g} for {x * e:.3g} {what}" for name, x, a, e in rows]
+    beyond = [text for text, over in zip(each, s.after > s.expected.interval95[1], strict=True) if over]
+    if beyond and v.kind in ("null", "named"):
+        out.append(
+            f"Withheld motions have more error than is expected ({', '.join(beyond)}): a cause is left."
+        )
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
         what = "torque" if unit == UNIT else "servo error"
