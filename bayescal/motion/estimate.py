@@ -151,10 +151,10 @@ def spread_of_servos(value: np.ndarray, u: np.ndarray) -> float:
 
     The one that differs most is left out: it is to be found, not believed.
     """
-    known = np.sort(np.abs(value[u < SERVOS.known * SERVOS.gain]))[:-1]
-    if len(known) < SERVOS.few:
+    others = np.sort(np.abs(value[u < SERVOS.determined * SERVOS.gain]))[:-1]
+    if len(others) < SERVOS.few:
         return SERVOS.gain
-    return float(np.clip(np.sqrt(np.mean(known**2)), SERVOS.least, SERVOS.gain))
+    return float(np.clip(np.sqrt(np.mean(others**2)), SERVOS.least, SERVOS.gain))
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:

@@ -29,7 +29,7 @@ class Expected:
 
 
 def expected_of(
-    model: Operating, left: Iterable[tuple[Signals, np.ndarray]], held: Table, fit: Fit
+    model: Operating, off: Iterable[tuple[Signals, np.ndarray]], held: Table, fit: Fit
 ) -> Expected:
     """The withheld error that a fit lets expect.
 
@@ -37,14 +37,14 @@ def expected_of(
     ----------
     model : Operating
         Whose torques tell what is faster than the rows.
-    left : iterable
+    off : iterable
         Fitted motions, each with the residuals (N, n) of its samples, N m.
     held : Table
         The withheld motions.
     fit : Fit
         Its covariance is that of the parameters.
     """
-    sums = [(_sums(x, s), _sums(_faster(model, s), s), len(s.time) * s.step) for s, x in left]
+    sums = [(_sums(x, s), _sums(_faster(model, s), s), len(s.time) * s.step) for s, x in off]
     squares, counts = np.array([of for of, _, _ in sums]).swapaxes(0, 1)
     fast = np.array([of for _, (of, _), _ in sums])
     withheld = np.array([_sums(_faster(model, p.signals), p.signals) for p in held.parts]).sum(axis=0)

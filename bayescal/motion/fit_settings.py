@@ -118,7 +118,7 @@ class ServoSettings:
     """Relative standard uncertainty of the stiffness of a servo (assumed)."""
     least: float = 0.02
     """The same where the others of a log differ less from what is stated (assumed)."""
-    known: float = 0.5
+    determined: float = 0.5
     """Share of it up to which a log determines a stiffness (as of parameters)."""
     few: int = 2
     """Others that a log must determine (assumed)."""
