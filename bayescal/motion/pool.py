@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from bayescal.logs import Log
-from bayescal.logs.types import VALIDATE
+from bayescal.logs.types import SERVO, VALIDATE
 from bayescal.motion.bank import Bank
 from bayescal.motion.effects import BASE, TOOL, Form, Scale, Waves, in_all_joints
 from bayescal.motion.estimate import Estimate

@@ -316,7 +316,7 @@ def test_options_of_contacts_are_refused(null_log):
 
 IN_JOINT = {"bump": 3, "load_friction": 2}
 """The joint in whose torque a cause is."""
-CALLED = {"nats": "log_evidence", "joint": "of_joint", "gain": "delta_elpd"}
+CALLED = {"nats": "log_evidence", "joint": "of_joint", "gain": "delta_elpd", "expected.rms": "floor"}
 UNITS = {r"of_joint": lambda x: x + 1}
 
 

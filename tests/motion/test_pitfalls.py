@@ -234,7 +234,7 @@ def test_a_torque_of_too_few_digits_is_left_out(null_log):
 
 
 @pytest.mark.parametrize(
-    ("counts", "said"), [(8192, ["above 2.6 Hz"]), (2048, ["above 2.5 Hz", "noise counts as"])]
+    ("counts", "said"), [(8192, ["above 2.5 Hz"]), (2048, ["above 2.5 Hz", "noise counts as"])]
 )
 def test_of_a_coarse_encoder_with_filtered_velocities_nothing_is_named(null_log, counts, said):
     """Noise of accelerations is in drivers and residuals alike; late velocities would make torques early."""

@@ -241,7 +241,8 @@ def words(gap: MotionGap) -> list[str]:
     beyond = [text for text, over in zip(each, s.after > s.expected.interval95[1], strict=True) if over]
     if beyond and v.kind in ("null", "named"):
         out.append(
-            f"Withheld motions have more error than is expected ({', '.join(beyond)}): a cause is left."
+            f"Withheld motions have more error than is expected ({', '.join(beyond)}; each beyond its 95 %): "
+            "something may be left."
         )
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
