@@ -16,14 +16,13 @@ from scipy.special import logsumexp
 
 from bayescal.logs.types import LINK, TORQUE, TRACKING
 from bayescal.motion.effects import BASE, LOG, TOOL, Form, Waves, joint
-from bayescal.motion.linear import Dots, Fit, Part, Sparse, Table, added
+from bayescal.motion.linear import Block, Dots, Fit, Part, Sparse, Table, Temporary, added
 from bayescal.motion.noise import Noise
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument, Kept, Ranges, quantities
 from bayescal.motion.search import SCALE_PRIOR, SCALES
 from bayescal.motion.settings import FORMS, SIGNALS
 from bayescal.motion.signals import each
 from bayescal.motion.terms import ALL, Operating, channel, displaced
-from bayescal.storage.temporary import Block, Temporary
 
 MOVES, BEHIND = "a torque of the arm", "an angle behind the gear"
 """Settings of a product: under its torque a servo moves, so that it is no error of the torques' measurement;

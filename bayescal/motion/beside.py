@@ -18,14 +18,13 @@ from scipy.special import gammaln, logsumexp
 
 from bayescal.motion.bank import Bank, Gains, Product, averaged, consecutive
 from bayescal.motion.effects import Form, joint
-from bayescal.motion.linear import Dots, Fit, Sparse, predicted
+from bayescal.motion.linear import Dots, Fit, Sparse, Temporary, predicted
 from bayescal.motion.noise import Noise
 from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
 from bayescal.motion.settings import EVENTS, NOISE, RELATIVES, SEARCH
 from bayescal.motion.signals import Signals, root_mean_square
-from bayescal.storage.temporary import Temporary
 
 
 def beside(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from tempfile import TemporaryFile
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -17,7 +18,29 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Term, assembled
-from bayescal.storage.temporary import Block, Temporary
+
+Block = Callable[[], np.ndarray]
+"""Gives columns, in single precision."""
+
+
+class Temporary:
+    """A file without a name for columns, mapped when they are asked for: an hour of log has 10^9 bytes."""
+
+    def __init__(self) -> None:
+        self._file = TemporaryFile()  # noqa: SIM115 (closed with the last block)
+
+    def __del__(self) -> None:
+        self._file.close()
+
+    def put(self, x: np.ndarray) -> Block:
+        """Append columns (M, k)."""
+        start, shape = self._file.tell(), x.shape
+        if not x.size:  # nothing cannot be mapped
+            return lambda: np.empty(shape, np.float32)
+        self._file.write(np.ascontiguousarray(x, np.float32).data)
+        self._file.flush()
+        return lambda: np.asarray(np.memmap(self._file, np.float32, "r", start, shape))
+
 
 Columns = Callable[[Signals], Iterable[Column]]
 Sparse = Sequence[Mapping[int, Block]]

@@ -197,6 +197,14 @@ def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
     assert not np.any(first.curve.fitted)
 
 
+@pytest.mark.parametrize("values", [2, 3])
+def test_functions_of_a_coordinate_of_few_values_are_no_constants(values):
+    x = np.tile(np.arange(values) * 2.0, 10)
+    functions = makers.smooth(x, np.arange(len(x)), 4)
+    every = np.column_stack([np.ones(len(x)), *functions])
+    assert np.linalg.matrix_rank(every) == every.shape[1] == values
+
+
 def test_repetitions_tell_an_error_of_the_reading_from_one_of_the_pose(bench):
     """Of contacts repeated at equal readings the first differs between them, the second does not."""
     c = bench.circumstances

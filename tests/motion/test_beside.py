@@ -25,14 +25,13 @@ from bayescal.motion.beside import (
 from bayescal.motion.diagnose import _place
 from bayescal.motion.dynamics import Loads
 from bayescal.motion.effects import EFFECTS, Form, Waves
-from bayescal.motion.linear import joined, normal
+from bayescal.motion.linear import Temporary, joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.quantities import RESPONSES, UNKNOWN, resonated
 from bayescal.motion.search import SCALES, Hypothesis, Member, decide
 from bayescal.motion.settings import EVENTS, PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import root_mean_square
-from bayescal.storage.temporary import Temporary
 
 
 @pytest.fixture(scope="module")

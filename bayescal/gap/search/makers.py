@@ -36,8 +36,11 @@ class Cell:
 
 
 def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
-    """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
-    return cosines(x, fitted, waves)
+    """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,); of few values, fewer.
+
+    Of two values the second would be a constant.
+    """
+    return cosines(x, fitted, min(waves, len(np.unique(x[fitted])) - 1))
 
 
 def along(frame: int, axis: str, driver: np.ndarray, angle: float = CELLS.angle) -> Parameter:
@@ -234,7 +237,7 @@ def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], lis
     if c.temperature is not None:
         yield Driver("temperature"), cosines(c.temperature, fitted, 2), _ends(c.temperature, fitted)
     load = added_load(c)
-    yield Driver("load"), cosines(load, fitted, 2), _ends(load, fitted)
+    yield Driver("load"), smooth(load, fitted, 2), _ends(load, fitted)
     place = points(c)
     ends = [f for x in place.T for f in _ends(x, fitted)]
     yield Driver("workspace"), [f for x in place.T for f in cosines(x, fitted, 1)], ends
