@@ -44,7 +44,7 @@ from bayescal.model.scene import Scene
 
 def acts(parameters: Sequence[Parameter]) -> bool:
     """Whether a parameter is an added mass."""
-    return any(p.driver.kind == "mass" for p in parameters)
+    return any(p.driver.kind in ("mass", "load") for p in parameters)
 
 
 @dataclass(frozen=True)

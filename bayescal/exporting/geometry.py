@@ -137,6 +137,7 @@ WHY = {
     "bending moment": "depends on the gravity moment of the link",
     "base moment": "depends on the gravity moment on the base",
     "mass": "acts through the compliances",
+    "load": "acts with an added load alone",
     "angle": "varies with the angle of a joint",
     "position": "varies with the position of a joint",
     "extended moment": "depends on the load and the extension of a linear axis",

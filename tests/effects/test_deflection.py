@@ -18,6 +18,7 @@ from bayescal.effects.location import ARM, KINDS, PLAIN, PROBE, Driver, Site, fa
 from bayescal.effects.location import BASE as BASE_SITE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, linearise, unit_weights
+from bayescal.estimate.estimate import acts
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import Pool
 from bayescal.model import build
@@ -112,6 +113,7 @@ def test_what_holds_the_loads_acts_alike_under_each_of_them(cube):
     )
     for a, b in zip(whole.terms, held.terms, strict=True):
         np.testing.assert_allclose((payload > 0) * a.driver, b.driver, rtol=1e-9, atol=1e-15)
+    assert acts((held,))  # a fit moves compliances with it
     with pytest.raises(BayescalError, match="has no parameters here"):
         parameters_of(("payload@holder",), circumstances(with_columns(dataset, payload=payload % 3)))
 
