@@ -82,7 +82,8 @@ def distance(basis: inputs.Basis, between: tuple[str, str]) -> Measurand:
     apart = a.position - b.position
     length = float(np.linalg.norm(apart))
     along = (apart / length)[None]
-    errors: list[inputs.Contribution] = [(one, along @ by) for end in (a, b) for one, by in end.errors]
+    ends = (a, along), (b, -along)
+    errors: list[inputs.Contribution] = [(one, way @ by) for end, way in ends for one, by in end.errors]
     name, value = f"distance {first} - {second}", length
     model = basis.stated.wide.model
     for c in model.scene.dataset.certificates:

@@ -33,7 +33,7 @@ from bayescal.estimate.outliers import POWER, detectable, rejected
 from bayescal.model import ARM
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
-from bayescal.predict.errors import lengths, slopes
+from bayescal.predict.errors import centre_distances, lengths, slopes
 from bayescal.predict.forecast import workspace
 from bayescal.public.budgets import _as_written
 from bayescal.reporting.fit.record import fit_record, write_fit
@@ -413,6 +413,16 @@ def test_u_of_mean_and_maximum_by_draws(cycled, simulated_fit, monkeypatch):
 def simulated_fit():
     session = simulate(Options(contacts=90, later=6, repeats=4, spheres=3, placements=1, seed=7)).dataset
     return fit(session, ("geometry", "compliance"), samples=0)
+
+
+def test_distances_that_share_a_centre(simulated_fit):
+    """A ball moves a distance whose second end it is, and one whose first, in opposite senses."""
+    basis, wide = simulated_fit.basis, simulated_fit.basis.stated.wide.model
+    d = centre_distances(wide.scene, basis.prepared.located, np.zeros((len(wide.parameters),) * 2))
+    m = distances(basis, certified_distances(basis), "")
+    own = sum(by @ by.T for source, by in m.errors if source.group != UNEXPLAINED)
+    expected = d.by_noise @ d.by_noise.T + d.by_parameters @ d.by_parameters.T + np.diag(d.u**2)
+    assert own == pytest.approx(expected, rel=1e-6)
 
 
 def test_contacts_and_distances(simulated_fit):
