@@ -176,7 +176,7 @@ def _check_arm(
     factor = board_factor(dataset, target, rows)
     if abs(factor - 1.0) > OTHER_SIZE:
         flange, poses, _ = _poses_of(dataset, target, rows)
-        if off > MISFIT and hand_eye.hand_eye(flange, poses * [1.0, 1.0, 1.0, factor]).misfit > off / 3:
+        if hand_eye.hand_eye(flange, poses * [1.0, 1.0, 1.0, factor]).misfit > off / 3:
             return  # nor with one of another size: `plausibility` says what may be wrong
         size = 1e3 * cameras.board(t).size
         like = f" (squares of {factor * size:.2g} mm, not {size:g} mm)" if size else ""

@@ -48,6 +48,8 @@ MOST_CALIBRATED = 40
 Corners = tuple[np.ndarray, np.ndarray]
 """Corners of a board in an image: pixels (K, 2) and their numbers (K,)."""
 NONE = np.zeros((0, 2)), np.zeros(0, int)
+Pixels = Callable[[Any, Path], np.ndarray]
+"""Reads an image, (height, width), by OpenCV."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,8 @@ def convert_images(request: Request) -> Draft:
     if len(used) < FEWEST_IMAGES:
         what = f"the board is found in {len(used)} of {len(seen)} images"
         remedy = f"{FEWEST_IMAGES} are needed; check --board and the light"
+        if np.mean([len(f.number) > 0 for f in _detected(cv2, images, board, request, _flipped)[1]]) > 0.5:
+            what, remedy = f"{what}: they are mirrored", "save them as the camera takes them"
         raise BayescalError(what, str(request.log), remedy)
     without_board = sorted({f.name for f in seen} - {f.name for f in used})
     notes = [f"board not found in: {listed(without_board, 6)}"] if without_board else []
@@ -159,15 +163,20 @@ def _grey(cv2: Any, path: Path) -> np.ndarray:
     return np.asarray(grey)
 
 
+def _flipped(cv2: Any, path: Path) -> np.ndarray:
+    """The mirror image of an image, (height, width)."""
+    return np.ascontiguousarray(_grey(cv2, path)[:, ::-1])
+
+
 def _detected(
-    cv2: Any, images: dict[str, Path], board: Board, request: Request
+    cv2: Any, images: dict[str, Path], board: Board, request: Request, pixels: Pixels = _grey
 ) -> tuple[tuple[int, int], list[Found], str]:
     """Common width and height of images, corners in each, and how they were found; one image in memory."""
-    find, how = _detector(cv2, images, board, request)
-    height, width = _grey(cv2, next(iter(images.values()))).shape
+    find, how = _detector(cv2, images, board, request, pixels)
+    height, width = pixels(cv2, next(iter(images.values()))).shape
     detections = []
     for name, path in images.items():
-        grey = _grey(cv2, path)
+        grey = pixels(cv2, path)
         if grey.shape != (height, width):
             what = f"{grey.shape[1]} x {grey.shape[0]} px, the others have {width} x {height}"
             raise BayescalError(what, str(path), "import images of one resolution")
@@ -176,7 +185,7 @@ def _detected(
 
 
 def _detector(
-    cv2: Any, images: dict[str, Path], board: Board, request: Request
+    cv2: Any, images: dict[str, Path], board: Board, request: Request, pixels: Pixels
 ) -> tuple[Callable[[np.ndarray], Corners], str]:
     """What finds the corners of the board in an image, and how."""
     if board.kind == "checkerboard":
@@ -184,12 +193,12 @@ def _detector(
     if board.kind == "apriltag":
         family = getattr(cv2.aruco, f"DICT_APRILTAG_{board.family.upper()}")
         detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(family), _subpixel(cv2))
-        tags = sorted({k for path in images.values() for k in _tags(detector, _grey(cv2, path))})
+        tags = sorted({k for path in images.values() for k in _tags(detector, pixels(cv2, path))})
         if len(tags) > 1:
             what = f"tags {listed(list(map(str, tags)), 6)} are seen: it is not stated which is the board"
             raise BayescalError(what, "--board", "cover the others, or use a board of many corners")
         return partial(_tag, detector), f"tag {board.family}"
-    some = [_grey(cv2, path) for path in list(images.values())[:: max(len(images) // TRIED, 1)][:TRIED]]
+    some = [pixels(cv2, path) for path in list(images.values())[:: max(len(images) // TRIED, 1)][:TRIED]]
     ids = {text: _markers(cv2, text, some) for text in DICTIONARIES}
     text = max(ids, key=lambda name: len(ids[name]))
     sizes = (board.squares, board.size, board.marker)

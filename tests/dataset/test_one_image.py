@@ -126,3 +126,8 @@ def test_a_lens_of_cropped_images_is_named(session):
     assert problem is not None
     assert "another lens or part of the sensor: cy 3" in problem.what
     assert f"stated {SIZE[1] / 2 + 120:.0f} (u 3)" in problem.what
+
+
+def test_a_lens_of_cropped_images_is_no_board_of_another_size(session, tmp_path):
+    write_dataset(rough(session, {"cx": 100.0}), tmp_path / "cell")
+    read_dataset(tmp_path / "cell")

@@ -49,6 +49,13 @@ def test_the_excess_is_what_neither_noise_nor_parameters_explain(measured, error
     assert found.validation_rms == pytest.approx(every, rel=0.05)
 
 
+def test_blurred_measurements_are_no_excess(measured):
+    errors = drawn({"noise": NOISE})
+    blur = np.where(np.arange(COUNT) % 5 == 0, 4.0, 1.0)
+    blurred = replace(errors, residual=blur * errors.residual, noise=blur * errors.noise)
+    assert measured(blurred).excess_interval95[0] == 0.0
+
+
 def test_the_expected_errors_of_contacts_are_those_of_noise_and_parameters(measured):
     (contacts,) = measured(drawn(PARTS)).measured
     assert contacts.count == COUNT

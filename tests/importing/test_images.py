@@ -106,6 +106,15 @@ def test_refusals(made, tmp_path):
         convert(asked(tmp_path))
 
 
+def test_mirrored_images(made, tmp_path):
+    mirrored = shutil.copytree(made / "flange", tmp_path / "flange")
+    shutil.copy(made / "flange.csv", tmp_path)
+    for path in mirrored.iterdir():
+        cv2.imwrite(str(path), cv2.imread(str(path))[:, ::-1])
+    with pytest.raises(BayescalError, match="in 0 of 14 images: they are mirrored"):
+        convert(asked(tmp_path))
+
+
 def renamed(made, tmp_path, names):
     """The request for images whose readings have other names, by number."""
     shutil.copytree(made / "flange", tmp_path / "flange")

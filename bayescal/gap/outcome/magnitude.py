@@ -103,6 +103,8 @@ def magnitude(
     share = np.sum(held.by_parameters[mine] ** 2, axis=1)
     if held.how == LEFT_OUT:  # `noise` includes the parameters here
         share = share + np.maximum(held.noise[mine] ** 2 - fit**2, 0.0)
+    else:  # measurements may have a noise of their own: images that are blurred
+        share = share + (factor * held.noise[mine]) ** 2 - noise.sd**2
     total = float(np.mean(square))
     excess = total - noise.sd**2 - float(np.mean(share))
     draws = resampled(held.block[mine], np.stack([square, share]), rng)
