@@ -23,7 +23,16 @@ from bayescal.model import standing, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import _pose, changed_record, difference, found_from, items_csv, sized, words
+from bayescal.reporting.changed import (
+    _pose,
+    changed_page,
+    changed_record,
+    difference,
+    found_from,
+    items_csv,
+    sized,
+    words,
+)
 from bayescal.reporting.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -243,6 +252,10 @@ def test_the_result_as_text_page_and_table(crashed, tmp_path):
     assert [p["reason"] for p in record["poses"]] == ["", "the nominal arm does not reach it"]
     assert set(result.detectable.columns) == {"item", "parameter", "site", "unit", "value", "tcp_um"}
     assert result.items["parameter"].tolist()[0] == "theta4"
+    # the arm as it is now is that of the last session; a cell of several texts has them apart
+    assert "bayescal fit last" in changed_page({**record, "folders": ["first", "last"]})
+    several = items_csv({"items": [entry("a3", 0.5, True, sessions=("B", "C of D"))]})
+    assert next(csv.DictReader(several.splitlines()))["sessions"] == "B; C of D"
 
 
 IN_UNITS = {

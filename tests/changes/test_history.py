@@ -1,7 +1,9 @@
 """The history of an arm: trends and steps by brute force, and runs of sessions with a zero that shifted."""
 
 import csv
+import re
 from dataclasses import replace
+from datetime import date, timedelta
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from bayescal.changes.history import STEP, TREND, _reduced, _search
 from bayescal.dataset.join import arm_difference
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import read_arm
-from bayescal.reporting.history import history_record, size
+from bayescal.reporting.history import _panel, history_record, size
 
 ARM = {"effects": "geometry", "contacts": 70, "later": 2, "repeats": 0, "spheres": 0, "arm_seed": 3}
 DATES = ("2025-01-01", "2025-02-10", "2025-12-31")
@@ -189,6 +191,8 @@ def test_a_drift_that_the_last_run_does_not_have_is_not_in_the_time_to_the_limit
     assert any("does not have theta3" in note for note in both.notes)
     assert not any("does not have" in note for note in alone.notes)
     assert len(both.limit.times) == len(alone.limit.times) == 3
+    (soon, *_), (day, *_) = alone.limit.times, alone.limit.dates  # after the last run
+    assert day == (date.fromisoformat(DATES[-1]) + timedelta(days=soon)).isoformat()
     assert limit("theta3").limit is None
 
 
@@ -199,6 +203,10 @@ def test_runs_of_another_arm_and_folders_without_runs_are_refused(runs, tmp_path
     entries = [module.Entry(f"r{k}", one, "") for k in range(2)]
     with pytest.raises(BayescalError, match="two sessions"):
         module._ordered(entries, (), tmp_path)
+    fewer = replace(one, values=one.values[:1])
+    three = [module.Entry(f"{len(arm.values)}", arm, "") for arm in (one, fewer, read_arm(runs / "run-1"))]
+    kept = [e for e in module._ordered(three, (), tmp_path)[0] if e.folder == "1"]
+    assert not kept  # of one session, the run with more parameters counts
     other = replace(one.dataset, record=replace(one.dataset.record, serials={"arm": "8"}))
     assert arm_difference(one.dataset, other) == "serial number 8, not 7"
     assert arm_difference(one.dataset, one.dataset) == ""
@@ -216,3 +224,13 @@ def test_names_with_numbers_are_in_their_order():
 def test_a_trend_is_told_per_year_or_session(unit, change, words):
     p = {"unit": "mm", "change": change, "size": 1e-3, "u": 1e-4}
     assert size(p, {"time_unit": unit}) == words
+
+
+def test_a_step_is_drawn_between_two_runs():
+    runs = [{"folder": f"run-{k}", "time": t} for k, t in enumerate((0.0, 10.0, 30.0))]
+    values = [{"value": x, "u": 0.1} for x in (0.0, 1.0, 1.0)]
+    p = {"name": "a2", "unit": "mm", "change": STEP, "from_run": "run-1", "size": 1.0, "u": 0.1}
+    drawing = _panel({**p, "values": values}, {"time_unit": "day", "runs": runs})[1]
+    line = re.search(r'class="zero" points="([^"]+)"', str(drawing))[1].split()
+    first, before, after, last = (float(point.split(",")[0]) for point in line)
+    assert before == after == pytest.approx(first + (last - first) * 5.0 / 30.0, abs=0.1)

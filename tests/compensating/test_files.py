@@ -73,6 +73,7 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     np.testing.assert_allclose(degrees(rows[:2], "j{}_deg"), shown.readings[:2], atol=1e-8)
     assert np.isnan(shown.readings[2]).all()
     check_units(arm, rows[:2], np.array([[0.45, 0, 0.2], [0.45, 0.06, 0.2]]), done.corrected[:2])
+    assert [int(r["solutions"]) for r in rows[:2]] == [own.solutions for own in done.corrected[:2]]
     assert rows[2]["reason"].startswith("out of reach")
     assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]
 

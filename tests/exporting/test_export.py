@@ -310,7 +310,8 @@ def test_ur_calibration_of_another_arm_is_refused(ur, tmp_path):
 
 @pytest.mark.parametrize("name", ["fanuc-lrmate200ic", UR])
 def test_dh_table(name):
-    arm = fake(session_of(name), ("geometry", "compliance"))
+    session, base = session_of(name), rigid(rpy_matrix(np.array([0.1, 0.2, 0.3])), np.array([0.4, 0.5, 0.6]))
+    arm = fake(with_robot(session, replace(session.robot, base=base)), ("geometry", "compliance"))
     out = export(arm, "dh-csv")
     robot = calibrated_robot(arm.model, arm.values)
     rows = list(csv.DictReader(out.written.content.splitlines()))
@@ -335,6 +336,9 @@ def test_dh_table(name):
             assert [float(row[f"{key}_{unit}"]), v["value"]] == pytest.approx([stated] * 2, rel=1e-12)
             assert [float(row[head]), v["u"]] == pytest.approx([u] * 2, rel=1e-9)
             assert unit == v["unit"].replace("/(", "_per_").split("_per")[0] or key == "compliance"
+    mm, deg = ([of["base", key][0]["value"] for key in keys] for keys in ("xyz", ("roll", "pitch", "yaw")))
+    place = rigid(rpy_matrix(np.radians(deg)), 1e-3 * np.array(mm))
+    np.testing.assert_allclose(place, robot.base, atol=1e-12)
 
 
 def test_joint_zeros():

@@ -20,6 +20,7 @@ from bayescal.exporting.hand_eye import hand_eyes
 from bayescal.fitted.arm import of_estimate, of_fit
 from bayescal.model import USUAL, build
 from bayescal.model.scene import Scene
+from factors.camera import NAMES
 from factors.kind import rotation_vector
 
 
@@ -51,6 +52,8 @@ def test_truth_is_within_the_covariance(exported):
     target = arm.dataset.targets[0]
     np.testing.assert_allclose(focal, [lens[f"{target.name} f{axis}"] for axis in "xy"], rtol=1e-12)
     assert np.all(np.abs(focal - [target.values["fx"], target.values["fy"]]) > 1e-3)
+    coefficients = [lens[f"{target.name} {name}"] for name in NAMES[camera["lens"]]]
+    np.testing.assert_allclose(camera["distortion"], coefficients, rtol=1e-12)
 
 
 def test_the_covariance_on_the_flange_follows_from_differences(exported):
@@ -80,6 +83,10 @@ def test_the_covariance_of_the_fixed_frame_is_that_of_the_fit(exported):
     np.testing.assert_allclose(
         here.fixed.covariance / np.outer(size, size), expected / np.outer(size, size), atol=0.03
     )
+    known = replace(arm, covariance=np.zeros_like(arm.covariance))
+    half = replace(known, rejected=arm.dataset.measurements.ids[::2])
+    fewer, all_rows = (np.trace(hand_eyes(of)[0].fixed.covariance) for of in (half, known))
+    assert fewer == pytest.approx(2.0 * all_rows, rel=0.2)
 
 
 def test_the_fixed_frame_does_not_depend_on_where_it_was_stated(exported):

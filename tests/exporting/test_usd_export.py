@@ -1,8 +1,10 @@
 """USD read back by pxr: the chain of the joints' frames, and what the links weigh."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from export_arms import calibrated_frames, fake, session_of
+from export_arms import calibrated_frames, fake, session_of, with_robot
 from scipy.spatial.transform import Rotation
 
 from bayescal.exporting.export import export
@@ -113,6 +115,23 @@ def test_inertia_and_senses_of_a_table_top_arm():
         axes = Rotation.from_quat([*q.GetImaginary(), q.GetReal()]).as_matrix()
         found = axes @ np.diag(body.GetDiagonalInertiaAttr().Get()) @ axes.T
         np.testing.assert_allclose(found, inertia, atol=1e-5 * np.abs(inertia).max())
+
+
+def test_inertias_of_standard_rows_are_about_the_axes_behind_the_row():
+    session, square = session_of(), np.random.default_rng(1).normal(size=(6, 3, 3))
+    inertias = square @ square.transpose(0, 2, 1)
+    rows = replace(session.robot, convention="dh", flange=np.eye(4), inertias=inertias)
+    arm = fake(with_robot(session, rows), ("geometry",))
+    stage = opened(export(arm.valued(0.0 * arm.values), "usd").written.content)
+    bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.MassAPI)]
+    link = rows.base[:3, :3]
+    for prim, offset, alpha, inertia in zip(bodies, rows.offset, rows.alpha, rows.inertias, strict=True):
+        link = link @ Rotation.from_euler("ZX", [offset, alpha]).as_matrix()
+        q, body = UsdPhysics.MassAPI(prim).GetPrincipalAxesAttr().Get(), UsdPhysics.MassAPI(prim)
+        here = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(0)).T[:3, :3]
+        axes = here @ Rotation.from_quat([*q.GetImaginary(), q.GetReal()]).as_matrix()
+        found = axes @ np.diag(body.GetDiagonalInertiaAttr().Get()) @ axes.T
+        np.testing.assert_allclose(found, link @ inertia @ link.T, atol=1e-5)
 
 
 def test_names_of_prims():

@@ -112,7 +112,9 @@ def test_arms_left_out_score_better_and_one_unlike_them_widens_its_parameter(rng
     assert gains[-1] < -20.0
     usual = np.arange(11) < 10
     assert 1.0 <= widened(more, others, with_it, usual).factor < 1.3
-    assert widened(more, others, with_it, ~usual).factor > 3.0  # the arm would widen all parameters
+    wide = widened(more, others, with_it, ~usual)
+    assert wide.factor > 3.0  # the arm would widen all parameters
+    assert wide.sd == pytest.approx(wide.factor * with_it.sd)
 
 
 def test_a_distribution_that_is_too_narrow_is_widened(rng):

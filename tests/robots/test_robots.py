@@ -29,6 +29,11 @@ def arrays(n: int, low: float, high: float):
     return st.lists(st.floats(low, high, allow_subnormal=False), min_size=n, max_size=n).map(np.array)
 
 
+def symmetric(values):
+    square = values.reshape(-1, 3, 3)
+    return square + square.transpose(0, 2, 1)
+
+
 @st.composite
 def robots(draw) -> Robot:
     n = draw(st.integers(1, 7))
@@ -57,6 +62,9 @@ def robots(draw) -> Robot:
         flange=flange if convention == "mdh" else np.eye(4),
         coupling=draw(st.sampled_from(["display", "mechanical"])),
         radii=draw(st.none() | arrays(n, 1e-3, 1)) if masses is not None else None,
+        inertias=draw(st.none() | arrays(9 * n, 0, 1).map(symmetric)) if masses is not None else None,
+        velocities=draw(st.none() | arrays(n, 1e-3, 10)),
+        torques=draw(st.none() | arrays(n, 1e-3, 1e3)),
         prismatic=draw(st.none() | st.lists(st.booleans(), min_size=n, max_size=n).filter(any).map(np.array)),
     )
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -143,10 +143,15 @@ def _waves(content: Content) -> tuple[Wave, ...]:
 
 @dataclass(frozen=True)
 class Joints:
-    """Joints of a file: names, and senses (n,) of rotation, +1 or -1, relative to the arm's model."""
+    """Joints of a file: names, and senses (n,) of rotation, +1 or -1, relative to the arm's model.
+
+    `references` (n,), rad, are their values as the file is written; it states angles in deg if `degree`.
+    """
 
     names: Sequence[str]
     signs: np.ndarray
+    references: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    degree: bool = False
 
     @classmethod
     def of(cls, names: Sequence[str]) -> Joints:
@@ -211,16 +216,16 @@ def parts(law: Law, joints: Joints, torques: np.ndarray) -> dict[str, list[dict[
             most = max(FRICTION, 2.0 * float(np.max(torques))) / STIFF
             friction = {"name": f"{name}_friction", "of": gear, "slack": (0, 0), "springyield": most}
             tendons.append(slack | friction)
-    yokes = [
-        {
-            "name": yoke(joints.names[w.joint], w),
-            "joint": joints.names[w.joint],
-            "pin": (np.cos(w.order * law.offset[w.joint]), np.sin(w.order * law.offset[w.joint]), 0.0),
-            "ratio": w.order * joints.signs[w.joint],
-        }
-        for w in law.waves
-    ]
-    return {"tendons": tendons, "yokes": yokes}
+    return {"tendons": tendons, "yokes": [_yoke(law, joints, w) for w in law.waves]}
+
+
+def _yoke(law: Law, joints: Joints, w: Wave) -> dict[str, Any]:
+    """Crank and slides of a wave: their values are zero where the joint's is, not where the file has it."""
+    name, ratio, zero = joints.names[w.joint], w.order * joints.signs[w.joint], w.order * law.offset[w.joint]
+    turn = ratio * np.broadcast_to(joints.references, len(joints.names))[w.joint]
+    before, here = (np.array([np.cos(phase), np.sin(phase), 0.0]) for phase in (zero, zero + turn))
+    references = np.degrees(turn) if joints.degree else turn, *(here - before)[:2]
+    return {"name": yoke(name, w), "joint": name, "pin": here, "ratio": ratio, "references": references}
 
 
 def _held(law: Law, joints: Joints, j: int) -> dict[str, float]:

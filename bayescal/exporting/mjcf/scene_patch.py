@@ -62,7 +62,8 @@ class Scene:
     @property
     def joints(self) -> Joints:
         """Joints of the arm in the file."""
-        return Joints(tuple(self.names.values()), self.arm.where.signs)
+        signs, references = self.arm.where.signs, self.arm.references
+        return Joints(tuple(self.names.values()), signs, references, bool(self.spec.compiler.degree))
 
     @property
     def yields(self) -> bool:

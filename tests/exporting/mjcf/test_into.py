@@ -108,7 +108,7 @@ def test_a_tip_that_fewer_joints_turn_is_refused():
 
 # --- Scenes of arms with arbitrary frames, axes, references and orientations: the patched arm is the model.
 
-EFFECTS = (*BASE, "base-compliance", "coupling", "backlash")
+EFFECTS = (*BASE, "base-compliance", "coupling", "eccentricity", "backlash")
 
 
 def turned(rng, rotation: np.ndarray, degrees: bool) -> dict[str, str]:
@@ -178,8 +178,13 @@ def test_an_arm_in_any_frames(tmp_path, robot):
     text = random_scene(arm.dataset.robot, rng)
     (tmp_path / "scene.xml").write_text(text)
     mujoco.MjModel.from_xml_string(text)
-    off, _ = differences(arm, 3, patched(arm, tmp_path / "scene.xml"))
+    file = patched(arm, tmp_path / "scene.xml")
+    off, _ = differences(arm, 3, file)
     assert np.max(off) < limit(EFFECTS)
+    model = mujoco.MjModel.from_xml_string(file.text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)  # as the file has the joints, at their references
+    assert np.max(np.abs(data.efc_pos[: data.ne])) < 1e-9
 
 
 # --- Arms with drawn parameters in MuJoCo, an independent simulator, against our own model.
