@@ -133,15 +133,18 @@ def decided(
 
 
 def as_good(
-    other: np.ndarray, poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray
-) -> np.ndarray:
-    """Which images (I,) agree with other poses (I, 3, 4) too; points as in `board_poses`.
+    other: np.ndarray, poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray,
+    as_most: bool = False,
+) -> np.ndarray:  # fmt: skip
+    """Which images (I,) agree with other poses (I, 3, 4) too, or `as_most`: as well as most images do.
 
-    The pose of a blurred image is poor where the board is seen frontally; its corners are not.
+    Points as in `board_poses`. The pose of a blurred image, or of a small tag, is poor where the board is
+    seen frontally; its corners are not.
     """
     count = np.bincount(image)
     misfit, reference = (np.bincount(image, off(p, corner, xy, image)) / count for p in (other, poses))
-    return np.asarray(misfit < AS_GOOD**2 * np.maximum(reference, np.median(reference)))
+    usual = np.median(misfit if as_most else reference)
+    return np.asarray(misfit < AS_GOOD**2 * np.maximum(reference, usual))
 
 
 def off(poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:

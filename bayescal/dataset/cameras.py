@@ -209,6 +209,7 @@ class Images:
     misfit: np.ndarray  # (I,) RMS of the corners from that pose, over the width of the board in the image
     scatter: np.ndarray  # (I,) px, about that pose: by the median, so that a single corner does not matter
     off: np.ndarray  # (I,) m, from where the arm puts the board; 0 where the corners agree with the arm
+    alike: np.ndarray  # (I,) the corners agree with the arm as well as those of most images, or have no pose
 
 
 def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
@@ -230,7 +231,7 @@ def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
     )  # fmt: skip
     first = np.full(len(poses), -1)
     first[image[::-1]] = rows[::-1]
-    return Images(image, first, poses, misfit, scatter, np.zeros(len(poses)))
+    return Images(image, first, poses, misfit, scatter, np.zeros(len(poses)), np.ones(len(poses), bool))
 
 
 @lru_cache(maxsize=32)  # a lens and its derivatives, with joint readings that are tried in turn
@@ -298,11 +299,12 @@ def closed_form(
         if np.all(decided == poses):
             break
         poses, solution = decided, solved(decided)
-    every, off = seen.poses.copy(), np.zeros(len(good))
-    every[good] = poses
-    agrees = hand_eye.as_good(solution.predicted(flange, on_flange), poses, corner, xy, image)
+    every, off, alike = seen.poses.copy(), np.zeros(len(good)), ~good
+    every[good], predicted = poses, solution.predicted(flange, on_flange)
+    agrees = hand_eye.as_good(predicted, poses, corner, xy, image)
+    alike[good] = hand_eye.as_good(predicted, poses, corner, xy, image, as_most=True)
     off[good] = np.where(agrees, 0.0, solution.away)
-    return replace(seen, poses=every, off=off), good, solution
+    return replace(seen, poses=every, off=off, alike=alike), good, solution
 
 
 def is_stated(of: Target | Tool) -> bool:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from camera_sessions import SIZE, camera_session
-from sessions import misread, with_columns
+from sessions import misread, with_columns, with_rows
 
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.image_changes import impossible, odd_images
@@ -131,3 +131,11 @@ def test_a_lens_of_cropped_images_is_named(session):
 def test_a_lens_of_cropped_images_is_no_board_of_another_size(session, tmp_path):
     write_dataset(rough(session, {"cx": 100.0}), tmp_path / "cell")
     read_dataset(tmp_path / "cell")
+
+
+def test_an_image_of_a_small_tag_is_where_its_corners_are():
+    """Its own pose is the mirrored one; its corners are as near to those that the arm predicts as others."""
+    some = camera_session(images=25, seed=12, arm=[0, 2e-3, -2e-3, 2e-3, -2e-3, 0], noise=0.5, placed=False)
+    tag = with_rows(some, np.flatnonzero(np.isin(some.measurements.pixel[:, 2], [0, 1, 6, 7])))
+    m = tag.measurements
+    assert misfit(tag, 0, np.arange(len(m.ids)), m.readings).max() < 0.02
