@@ -13,6 +13,7 @@ from analysis.methods import page, session
 from analysis.pages import between
 from bayescal.dataset import Dataset, write_dataset
 from bayescal.dataset.contacts import connected
+from bayescal.effects import UNITS
 from bayescal.methods import METHODS, Comparison, compare, predicted, validated
 from bayescal.methods.normals import in_normals, triplets
 from bayescal.methods.published import OURS, PLANES, in_joints, is_plane, joint_change
@@ -207,6 +208,13 @@ def test_report_says_all(tmp_path):
     record = json.loads((tmp_path / "run" / "compare.json").read_text())
     assert record == json.loads(json.dumps(comparison_record(comparison)))
     assert [m["name"] for m in record["methods"]] == [m.name for m in METHODS]
+    for row, method in zip(comparison.rows, record["methods"], strict=True):
+        if row.result:
+            s = row.result.solution
+            values = [
+                UNITS[p.unit][1] * (p.nominal + v) for p, v in zip(s.model.parameters, s.values, strict=True)
+            ]
+            assert [p["estimate"] for p in method["parameters"]] == pytest.approx(values)
     for method in (m for m in record["methods"] if m["applies"]):  # each size is that of its name
         errors, of = [d["error_um"] for d in method["distances"]], method["heldout"]
         if errors:

@@ -1,5 +1,6 @@
 """Selection of contacts against exhaustive search, dense inverses, and growth by the I criterion alone."""
 
+import re
 from dataclasses import replace
 from itertools import combinations, permutations
 from types import SimpleNamespace
@@ -30,6 +31,7 @@ from bayescal.planning.exchange import (
 from bayescal.planning.goals import Goal, goals
 from bayescal.planning.pool import Linearised, check_count, inverse, linearised
 from bayescal.probing.motions import RATE
+from bayescal.robots import load_robot
 
 
 def toy(count: int = 8, residuals: int = 1, size: int = 3, seed: int = 0) -> Linearised:
@@ -423,3 +425,16 @@ def test_times_of_travel():
 @pytest.mark.parametrize("order", orders.ORDERS)
 def test_few_rows(order, count):
     assert len(put(made_up(), np.arange(count), order)) == count
+
+
+def test_an_arm_is_jogged_by_its_base_then_its_wrist_then_its_shoulder():
+    robot, _ = load_robot("universal-robots-ur5e")
+    words = orders.by_hand(np.radians([10.0, 20.0, 30.0, 40.0, 50.0, 60.0]), robot)
+    assert re.findall(r"J\d [\d.]+", words) == [
+        "J1 10.0",
+        "J4 40.0",
+        "J5 50.0",
+        "J6 60.0",
+        "J2 20.0",
+        "J3 30.0",
+    ]

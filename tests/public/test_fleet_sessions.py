@@ -20,10 +20,13 @@ from cases import ROOT
 import bayescal as bc
 from analysis.fleet_study import probed as probed_session
 from analysis.fleet_study import put, shapes, subset
+from bayescal.arm.chain import Prior
 from bayescal.errors import BayescalError
 from bayescal.exporting.robot import robot_text
 from bayescal.fitted.arm import of_fit
-from bayescal.public.fleet import Task, _arms, _entries, computed, kept
+from bayescal.public.fleet import Task, _arms, _entries, _members, computed, kept
+from bayescal.public.fleet_results import robot_text as fleet_robot
+from bayescal.robots import load_robot
 
 ARMS, ODD, OFF = 4, 3, 0.02
 """Arms of the fleet, the one that differs, and by how much its third zero does, rad: 33 times the spread."""
@@ -251,3 +254,21 @@ def test_sessions_are_in_the_order_of_their_dates(monkeypatch, tmp_path, dated):
     done = dict.fromkeys(dates, "fitted")
     entries = _entries(tasks, dict.fromkeys(dates, ""), done, lambda e: e["serial"])
     assert [e["session"] for e in entries] == (["c", "b", "d", "a"] if dated else list(dates))
+
+
+def test_an_arm_is_that_of_its_diagnosis_where_there_is_one(monkeypatch, tmp_path):
+    entry = {"session": "s", "arm": "a", "robot": "r", "folder": "sessions/s"}
+    monkeypatch.setattr("bayescal.public.fleet.read_likelihood", lambda run, model: run.name)
+    entries = [{**entry, "gap": {"verdict": "null"}}, {**entry, "gap": None}]
+    assert [m.likelihood for m in _members(entries, tmp_path, ("geometry",))] == ["gap", "fit"]
+
+
+def test_priors_that_a_fleet_does_not_learn_stay_in_its_robot(monkeypatch, tmp_path):
+    robot, _ = load_robot("fanuc-lrmate200ic")
+    own, other = (Prior(name, "rad", 1e-3, 2e-3) for name in ("theta2", "theta3"))
+    learnt = SimpleNamespace(parameter=SimpleNamespace(name="theta2", unit="rad"), mean=4e-3, sd=1e-3)
+    monkeypatch.setattr("bayescal.public.fleet_results.priors", lambda model: [learnt])
+    text = fleet_robot(SimpleNamespace(arms=("a", "b")), replace(robot, priors=(own, other)))
+    (tmp_path / "robot.yaml").write_text(text)
+    found = {p.name: p.deviation for p in load_robot("robot.yaml", tmp_path)[0].priors}
+    assert found == pytest.approx({"theta2": 4e-3, "theta3": 1e-3})

@@ -29,7 +29,7 @@ from bayescal.reporting.body import arm_drawing, posed
 from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.origin import rows_record
-from bayescal.reporting.page import FIGURES, STILL, Run, _png, build, read_run
+from bayescal.reporting.page import FIGURES, STILL, Run, _png, build, common, read_run, svg
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.svg import draw_arm, marked_sites, ticks
 from bayescal.reporting.text import length
@@ -520,3 +520,10 @@ def test_the_page_of_a_log_advises_to_measure_where_a_name_is_only_probable(sure
     text = words(str(motion.first(Run("motion", record, "run"))))
     assert ("Adjust the gear." in text) == (sure > 0.9)
     assert ("probably joint 2: backlash" in text) == ("Measure more before" in text) == (sure < 0.9)
+
+
+def test_the_band_of_residuals_is_twice_their_noise(saved, monkeypatch):
+    run, bands = read_run(saved[0]), []
+    monkeypatch.setattr(svg, "scatter", lambda dots, labels, band, *others: bands.append(band) or "")
+    common.residuals(run)
+    assert set(bands) == {2.0 * run.record["noise"]["estimated_um"]}

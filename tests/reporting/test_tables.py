@@ -29,7 +29,7 @@ from bayescal.reporting.gap.summary import _measured
 from bayescal.reporting.motion.fit import replay_sheet
 from bayescal.reporting.origin import _signs, entry, plain
 from bayescal.reporting.page.common import _largest
-from bayescal.reporting.page.svg import prior_posterior
+from bayescal.reporting.page.svg import HEIGHT, prior_posterior, scatter
 from bayescal.reporting.plan_sheets import clearances, further, gain, least_favourable, travel
 from bayescal.reporting.plan_sheets import headline as plan_headline
 from bayescal.reporting.sheet import Column, Sheet, frame, terminal
@@ -419,3 +419,10 @@ def test_joints_of_a_log_are_in_the_units_of_their_headings():
     assert cells["at rest / %"] == "25"
     assert cells["range / deg"] == "-90 to 45"
     assert cells["fastest / rad/s"] == "1.50"
+
+
+def test_what_is_off_scale_stands_at_its_end():
+    x, y = np.array([1.0, 2.0]), np.array([3.0, -3.0])
+    text = str(scatter([("dot", x, y)], ("row", "residual"), None, "residuals", (-2.0, 2.0)))
+    up, down = (float(place) for place in re.findall(r'class="beyond" d="[^"]* ([-\d.]+)Z', text))
+    assert up < 0.1 * HEIGHT < 0.6 * HEIGHT < down
