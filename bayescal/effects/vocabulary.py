@@ -103,8 +103,7 @@ class Circumstances:
 
     `tied_base`: a target's position in F0 is stated. `tied_tool`: a tool's centre is stated. Only then are
     the base, and theta and d of the last row, distinguishable from the targets and the tool. `loads` are the
-    gravity moments of `statics.gravity_loads`, None if the robot has no masses. `measured_torques` are the
-    torques of the joints that the session measured, if they replace computed ones. `approach` is the unit
+    gravity moments of `statics.gravity_loads`, None if the robot has no masses. `approach` is the unit
     direction, in the flange frame at nominal geometry, in which the ball meets the surface (its inward
     normal), and `speed` its speed in that direction; nan if the target is no surface.
     """
@@ -139,13 +138,14 @@ class Circumstances:
     sessions: tuple[Session, ...] = ()  # if several are fitted together
     instruments: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()  # name, rows (N,), place in F0 (3,)
     artefacts: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()  # the same of bodies of other targets
+    pieces: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()  # and of their pieces, in all placements
     views: tuple[View, ...] = ()  # of fitted cameras
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted measurements read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
     stance: Stance | None = None  # where the arm stands relative to nominal, if known
     compliances: Mapping[str, float] = field(default_factory=dict)
     """Known compliances of joints, bearings, links and the base, by the names of their parameters, SI."""
-    measured_torques: np.ndarray | None = None  # (N, n) N m, on the links of the joints
+    measured_torques: np.ndarray | None = None  # (N, n) N m, on the links, in place of computed ones
 
     @property
     def moments(self) -> np.ndarray | None:

@@ -98,8 +98,10 @@ class CellSettings:
     """Standard widths of a defect at one angle of a joint, rad (assumed)."""
     moments: int = 16
     """Rows at which a sudden change is tried, per site (cost)."""
-    swings: tuple[float, ...] = tuple(2.0 + 0.75 * k for k in range(25))
-    """Periods per session of an oscillating base (assumed: 2 to 20)."""
+    swings: tuple[float, float, float] = (2.0, 60.0, 0.75)
+    """Periods per session of what goes to and fro: least, most (cost), step (assumed)."""
+    rows_a_swing: float = 5.0  # rows of a period at least (assumed)
+    jumps: int = 15  # angles of a joint at which its error may jump (cost)
     region_grid: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
     """Centres of regions of the workspace along each base axis, half extents (cost)."""
     region_size: float = 0.5
@@ -140,19 +142,17 @@ class CellSettings:
     """Time constants of a lens that warms up, as shares of a session (assumed)."""
     warm: tuple[float, ...] = (300.0, 1500.0)
     """Time constants after which a motion is forgotten by what it warms, s (assumed)."""
-    flip: float = 0.1
-    """Width, as a share of gravity, of a transition between two positions (assumed)."""
+    flip: float = 0.1  # width, as a share of gravity, of a transition between two positions (assumed)
     paired: float = 3.0
     """Weight, in other cells, of a cell of a joint that averages over all quantities; at another site it is
     shared by the cells of each quantity (tuned)."""
-    rough_waves: int = 12
-    """Half periods of a rough function of the order of the rows (assumed)."""
+    rough_waves: int = 12  # half periods of a rough function of the order of the rows (assumed)
+    blocks: tuple[int, ...] = (5, 12)  # consecutive rows in which an error keeps its value (assumed)
     clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
     """Width of the clearance of a base, in standard deviations of its gravity moment (assumed)."""
     kept: tuple[float, ...] = (0.0, 0.5, 0.8)
     """Share of a tool's displacement that remains after each contact (assumed)."""
-    fewest: int = 12
-    """Contacts that a defect or a sudden change must move (assumed)."""
+    fewest: int = 12  # contacts that a defect or a sudden change must move (assumed)
     few: int = 3  # contacts of its site that must be before a sudden change, and after it (assumed)
 
 

@@ -7,7 +7,7 @@ values of two targets, one residual each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -22,6 +22,7 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import taken
 from bayescal.effects import View
 from bayescal.effects.vocabulary import ImageErrors
+from bayescal.statistics import grouped
 from factors.camera import NAMES, NEAREST, Camera
 from factors.certificate import Relation, aligned, apart, between_faces, off_plane, square
 
@@ -33,7 +34,7 @@ T = TypeVar("T")
 
 
 def bodies_of(scene: Scene, fitted: np.ndarray) -> dict[str, tuple[tuple[str, np.ndarray, np.ndarray], ...]]:
-    """`instruments` and `artefacts` of `Circumstances`; a body is in the middle of its fitted contacts."""
+    """`instruments`, `artefacts` and `pieces` of `Circumstances`; a body is in the middle of its contacts."""
     d, target = scene.dataset, scene.dataset.measurements.target
     index = {d.targets[t].name: t for t in np.unique(target[fitted]).tolist()}
     read = {name: t for name, t in index.items() if scene.declared[t].of_instrument}
@@ -41,11 +42,17 @@ def bodies_of(scene: Scene, fitted: np.ndarray) -> dict[str, tuple[tuple[str, np
         (name, (target == t).astype(float), np.asarray(d.targets[t].values["xyz"]))
         for name, t in read.items()
     ]
-    artefacts = []
-    for name, group in bodies(d, [name for name in index if name not in read]).items():
-        on = np.isin(target, [index[each] for each in group])
-        artefacts.append((name, on.astype(float), scene.points[fitted[on[fitted]]].mean(axis=0)))
-    return {"instruments": tuple(instruments), "artefacts": tuple(artefacts)}
+    touched = [name for name in index if name not in read]
+
+    def placed_of(groups: Mapping[str, Sequence[str]]) -> tuple[tuple[str, np.ndarray, np.ndarray], ...]:
+        on = {name: np.isin(target, [index[each] for each in group]) for name, group in groups.items()}
+        middle = {name: scene.points[fitted[rows[fitted]]].mean(axis=0) for name, rows in on.items()}
+        return tuple((name, rows.astype(float), middle[name]) for name, rows in on.items())
+
+    whole = bodies(d, touched)
+    pieces = grouped((name.partition("@")[0], name) for name in touched)
+    pieces = {name: group for name, group in pieces.items() if group not in whole.values()}
+    return {"instruments": tuple(instruments), "artefacts": placed_of(whole), "pieces": placed_of(pieces)}
 
 
 class unposed(cached_property[T]):

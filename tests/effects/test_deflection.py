@@ -353,8 +353,7 @@ def test_a_face_that_is_called_like_a_joint_is_a_face(given):
     """Cells are weighed by the kind of their site, whatever the user's targets are called."""
     of = [cell for cell in cells(given) if cell.site.kind in ("joint", "face")]
     renamed = [
-        type(cell)(face(f"joint {cell.site.name}"), cell.driver, cell.sets, cell.of_known_effect)
-        if cell.site.kind == "face" else cell
+        replace(cell, site=face(f"joint {cell.site.name}")) if cell.site.kind == "face" else cell
         for cell in of
     ]  # fmt: skip
     weights = [

@@ -8,6 +8,7 @@ import pytest
 from gap_problems import BASELINE, Bench, bench_of, left_by
 from sessions import circumstances
 
+from bayescal.arm.chain import frames
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter, location, named, parameters_of
@@ -544,3 +545,76 @@ def test_a_face_shifts_only_where_contacts_of_it_are_before(bench):
 
     assert len(moments(late)) < len(moments(face.rows))
     assert all((late[c.fitted] > 0).sum() - m[c.fitted].sum() >= CELLS.few for m in moments(late))
+
+
+@pytest.mark.parametrize(
+    ("site", "frame", "turns"), [("base", 0, 33.4), ("tool", 7, 7.1), ("probe", CONTACT, 20.3)]
+)
+def test_what_goes_to_and_fro_is_near_a_wave_of_any_rhythm(bench, of, site, frame, turns):
+    """Faster than 20 periods a session too, and at tool and probe; two states are mostly a wave."""
+    c = bench.circumstances
+    x = np.arange(len(c.q)) if c.time is None else c.time
+    state = np.sin(2 * np.pi * turns * x / np.ptp(x[c.fitted]) + 0.4)
+    cell = of[location.Site(site), Driver("time", form="to and fro")]
+    wanted = state if site == "base" else np.sign(state)
+    shares = [left_by(cell, axis, wanted, frame) for axis in ({t.axis for t in cell.sets[0][0].terms})]
+    assert min(shares) < 0.55
+
+
+def test_an_error_that_jumps_at_an_angle_has_a_cell(bench, of):
+    x = bench.circumstances.readings[:, 3]
+    for angle in np.quantile(x[bench.circumstances.fitted], [0.2, 0.45, 0.73]):
+        wanted = np.where(x > angle, 1.0, -1.0)
+        assert left_by(of[joint(4), Driver("angle", 4, form="jump")], "rz", wanted) < 0.15
+
+
+def test_a_tool_that_a_load_has_bent_creeps_back(dataset):
+    """What a load has left, forgotten with a time constant, alone and beside the load itself."""
+    c = circumstances(dataset)
+    load = np.repeat(np.array([0.0, 3.0, 1.0, 0.0]), len(c.q) // 4 + 1)[: len(c.q)]
+    c = replace(c, load_mass=1.0 + load, time=20.0 * np.arange(len(c.q)))
+    (cell,) = (q for q in cells(c) if (q.site, q.driver) == (TOOL, Driver("load", form="past")))
+    lag = np.zeros(len(load))
+    for k in range(1, len(lag)):
+        lag[k] = np.exp(-20.0 / CELLS.memory[1]) * (lag[k - 1] + load[k - 1] - load[k])
+    assert min(left_by(cell, "tx", lag), left_by(cell, "tx", lag + 0.3 * load)) < 1e-9
+    assert left_by(cell, "tx", lag + load) < 1e-2
+
+
+def test_bodies_and_their_pieces_move_and_bend(dataset):
+    """A plate that drifts while it is probed, a ball on a stand that bends; the only body has no cells."""
+    c = circumstances(dataset)
+    rows = (np.arange(len(c.q)) % 3 == 1).astype(float)
+    middle = np.zeros(3)
+    c = replace(c, artefacts=(("plate@2", rows, middle),), pieces=(("plate.A", 1.0 - rows, middle),))
+    of = {(cell.site.name, cell.driver.kind): cell for cell in cells(c)}
+    clock = np.arange(len(c.q)) if c.time is None else c.time
+    own = c.fitted[rows[c.fitted] > 0]
+    u = (clock - clock[own].min()) / np.ptp(clock[own])
+    assert left_by(of["plate@2", "time"], "ty", rows * np.cos(np.pi * np.clip(u, 0, 1))) < 1e-9
+    assert {t.frame for own in of["plate@2", "time"].sets for p in own for t in p.terms} == {0, CONTACT}
+    flange = frames(c.chain, c.q)[:, -1, :3, :3]
+    up = np.einsum("nj,nj->n", flange[:, 2], np.where(c.touching[:, None], c.approach, 0.0))
+    assert left_by(of["plate.A", "contact direction"], "normal", (1.0 - rows) * (3 * up**2 - 1)) < 1e-9
+    whole = replace(c, artefacts=(("plate", np.ones(len(c.q)), middle),), pieces=())
+    assert not [cell for cell in cells(whole) if cell.site.name == "plate"]
+
+
+def test_what_wanders_is_drawn_anew_in_blocks_of_rows(bench):
+    """Not smoothly with time, and the same for rows that follow one another."""
+    c = bench.circumstances
+    k, cell = next(
+        (k, cell) for k, cell in enumerate(bench.pool.cells)
+        if (cell.site, cell.driver) == (joint(2), Driver("count", form="blocks"))
+    )  # fmt: skip
+    assert np.array_equal(cell.clusters, np.arange(len(c.q)) // CELLS.blocks[0])
+    column = bench.pool.columns[:, bench.pool.sets[int(np.flatnonzero(bench.pool.owner == k)[0])]][:, 0]
+    drawn = 2.0 * np.random.default_rng(2).standard_normal(len(c.q))[cell.clusters]
+    p = bench.problem
+    moved = column.copy()
+    moved[: p.count] *= drawn[p.rows[p.contact]]
+    _, _, fits = unknown(
+        bench.decided(bench.made_up(4, 3.0 * moved))[1].hypotheses[frozenset()], bench.pool, 0.0
+    )
+    best = bench.pool.cells[max((f for f in fits if f.rival), key=lambda f: f.gain).cell]
+    assert (best.site, best.driver) == (joint(2), Driver("count", form="blocks"))

@@ -91,7 +91,8 @@ def test_a_trigger_that_hangs_errs_by_contact_direction_and_gravity(bench):
 def test_a_kind_of_site_keeps_its_prior_whatever_its_cells_weigh(bench):
     prior = np.exp(bench.pool.log_prior)
     kinds = np.array([q.site.kind for q in bench.pool.cells])
-    of_joints = [p for p, q in zip(prior, bench.pool.cells, strict=True) if q.site == joint(1) and p > 0]
+    whole = [q.site == joint(1) and q.weight >= 1 and not q.of_known_effect for q in bench.pool.cells]
+    of_joints = prior[np.array(whole)]
     assert np.max(of_joints) == pytest.approx(CELLS.paired * np.min(of_joints))
     ratio = np.sum(prior[kinds == "link"]) / np.sum(prior[kinds == "probe"])
     known = [q.of_known_effect for q in bench.pool.cells if q.site.kind in ("link", "probe")]

@@ -190,6 +190,16 @@ def test_a_prior_width_in_a_model_is_explained(session):
     assert "prior widths" not in printed(replace(gap, refit=plain))
 
 
+def test_several_shifts_are_said_in_the_order_of_time_with_their_sites(session):
+    gap = diagnosis(session, "named")
+    events = tuple(Event(row, (row, row)) for row in (40, 9, 20))
+    (one, *_) = gap.verdict.named
+    shifts = replace(one, effect="step", sites=(TOOL, TOOL, BASE), setting="", events=events)
+    words = named(shifts, gap)
+    assert [int(row) for row in re.findall(r"from row (\d+)", words)] == [10, 21, 41]
+    assert [site in words for site in ("the tool from row 10 ", "the base from row 21 ")] == [True, True]
+
+
 def test_an_effect_that_is_found_is_not_ambiguous(session):
     gap = diagnosis(session, "named")
     explained = tuple(replace(w, explained_by="backlash") for w in gap.where)
@@ -199,6 +209,12 @@ def test_an_effect_that_is_found_is_not_ambiguous(session):
         "Beside it, these data do not distinguish the further effects of the 90 % set"
     )
     assert not [line for line in headline(both) if line.startswith("Largest location")]
+    by_time = Driver("time", form="to and fro")
+    swaying = replace(gap.where[0], site=BASE, driver=by_time, family_p_value=1e-9, explained_by="")
+    verdict = replace(gap.verdict, kind="ambiguous", named=())
+    _, largest, *further = headline(replace(gap, verdict=verdict, where=(swaying,)))
+    assert largest == "Largest location, its cause not established: base or artefact, time, oscillating"
+    assert not any("sways" in line for line in further)
     assert verdict_of(gap_record(both))[2] == "Effect found, and others possible"
     assert verdict_of(gap_record(diagnosis(session, "ambiguous")))[2].startswith("Ambiguous")
     of_two = gap_record(both) | {"credible_set90": ["backlash", "hysteresis"]}
@@ -460,9 +476,13 @@ def test_every_cause_is_of_a_cell_of_a_session(causes_session):
     minutes = np.arange(len(images.measurements.ids), dtype=float)
     warming = with_columns(images, time=60.0 * minutes, temperature=20.0 + np.sqrt(minutes))
     rows, tracked = np.arange(len(causes_session.measurements.ids)), read_points(count=120).dataset
-    loaded = with_columns(causes_session, payload=rows % 3.0, repeat=(rows // 2).astype(str))
+    loaded = with_columns(
+        causes_session, payload=rows % 3.0, repeat=(rows // 2).astype(str), time=20.0 * rows
+    )
     for scene in map(Scene, (loaded, warming, tracked)):
-        of_session = cells(scene.circumstances(scene.rows("calibrate")))
+        c = scene.circumstances(scene.rows("calibrate"))
+        piece = "ball.A", (np.arange(len(c.q)) % 3 == 0).astype(float), np.zeros(3)
+        of_session = cells(replace(c, pieces=(piece,)))
         found |= {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
     assert set(CAUSES) - found == set()
 

@@ -136,6 +136,18 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
         yield Cell(ARM, Driver("pose"), (moved,), clusters=makers.repeated(c, c.readings))
 
 
+def blocks(c: Circumstances) -> Iterator[Cell]:
+    """Errors drawn anew for each block of consecutive rows: of what takes a few positions, or wanders."""
+    order = measured(c).argsort()
+    driver = Driver("count", form="blocks")
+    for site, (move, *_) in movers(c).items():
+        each = [p for p in move(np.ones(len(c.q))) if p.unit == "m" or site.number]
+        lengths = [length for length in CELLS.blocks if len(c.q) >= CELLS.fewest * length]
+        for length, p in itertools.product(lengths, each):
+            weight = 1.0 / (len(each) * len(lengths))
+            yield Cell(site, driver, ((p,),), weight=weight, clusters=order // length)
+
+
 def with_another(c: Circumstances) -> Iterator[Cell]:
     """Cells of a quantity of a joint and any other one."""
     given = makers.arguments(c)
@@ -356,7 +368,7 @@ def faces(c: Circumstances) -> Iterator[Cell]:
 MEASURING = (probe, region, beams, faces)
 """Functions that list the cells of what measures, in the order of the cells."""
 FURTHER = (
-    torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
+    torque_and_angle, two_angles, between_orders, rocking, travel, scatter, blocks,
     with_another, by_any, remembering, pointing,
 )  # fmt: skip
 """Functions that list the cells of a session, in the order of the cells."""

@@ -12,19 +12,32 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from bayescal.arm import chain as reference
 from bayescal.arm.motion import IMAGE, TURN, Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, View
 from bayescal.effects.by_time import reflectors
 from bayescal.effects.common import added_load, by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view, late_images
-from bayescal.effects.location import BASE, BOARD, CAMERA, TOOL, Driver, joint, link
-from bayescal.estimate.families import cosines
+from bayescal.effects.location import BASE, BOARD, CAMERA, PROBE, TOOL, Driver, face, joint, link
+from bayescal.estimate.families import cosines, lobes
 from bayescal.gap.search import makers
 from bayescal.gap.search.cell_kinds import FURTHER, MEASURING
-from bayescal.gap.search.makers import Cell, Mover, at_joint, measured, movers, moves, shifts, smooth
+from bayescal.gap.search.makers import (
+    Cell,
+    Mover,
+    at_contact,
+    at_joint,
+    measured,
+    movers,
+    moves,
+    shifts,
+    smooth,
+)
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -111,6 +124,8 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             yield Cell(site, by_reading(c.robot, k), tuple(waves))
             bends = [at_joint(c, j, [d], side) for side in moves(c, j) for _, knees in forms for d in knees]
             yield Cell(site, by_reading(c.robot, k, form="beyond"), tuple(bends))
+        jumps = [at_joint(c, j, [d], side) for side in moves(c, j) for d in _jumps(c, j)]
+        yield Cell(site, by_reading(c.robot, j, form="jump"), tuple(jumps))
         if not c.robot.slides[j - 1]:
             yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
         if c.torques is not None:
@@ -143,6 +158,14 @@ def _beyond(x: np.ndarray, fitted: np.ndarray) -> Iterator[np.ndarray]:
             most = float(np.max(line[fitted]))
             if most > 0 and np.sum(line[fitted] > 0) >= CELLS.fewest:
                 yield 2.0 * line / most
+
+
+def _jumps(c: Circumstances, j: int) -> Iterator[np.ndarray]:
+    """Functions (N,) with one value below an angle of a joint and another above it."""
+    for of in makers.passes(c, j):
+        x = motion(c.robot, j, c.readings, of)
+        for angle in np.unique(np.quantile(x[c.fitted], np.linspace(0, 1, CELLS.jumps + 2)[1:-1])):
+            yield np.where(x > angle, 1.0, -1.0)
 
 
 def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
@@ -192,6 +215,9 @@ def _time(c: Circumstances) -> Iterator[Cell]:
         clocks["load"] = [added_load(c)]
     if c.time is not None:
         clocks |= {"count": [order], "activity": list(_activity(c, c.time)), "wait": list(_waits(c, c.time))}
+    if late := [[d, *also] for d in _past(c, added_load(c)) for also in ([], [added_load(c)])]:
+        sets = (tuple(p for d in drivers for p in movers(c)[TOOL][0](d)) for drivers in late)
+        yield Cell(TOOL, Driver("load", form="past"), tuple(sets))
     count = len(c.fitted)
     moments = CELLS.moments if count > 3 * CELLS.fewest else 0
     positions = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
@@ -288,18 +314,62 @@ def _around(c: Circumstances) -> Iterator[Cell]:
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:
-    """A base that oscillates, or only tilts, with several periods per session."""
-    clock = np.arange(len(c.q), dtype=float) if c.time is None else c.time
-    span = float(np.ptp(clock[c.fitted]))
-    if not span > 0:
-        return
-    (base,), sets = movers(c)[BASE], []
-    for turns in CELLS.swings:
-        phase = 2 * np.pi * turns * clock / span
-        every = [*base(np.sin(phase)), *base(np.cos(phase))]
-        sets += [tuple(every), tuple(p for p in every if p.terms[0].axis in ("rx", "ry"))]
-    yield Cell(BASE, Driver("time", form="to and fro"), tuple(sets))
+    """A base, tool or probe that goes to and fro by time, or by the number of rows; a base may only tilt.
+
+    What alternates between two states has most of its variance in one wave.
+    """
+    order = np.arange(len(c.q), dtype=float)
+    clocks = [order] if c.time is None else [c.time, order]
+    least, most, step = CELLS.swings
+    turns = np.arange(least, min(most, len(c.fitted) / CELLS.rows_a_swing), step)
+    phases = [
+        2 * np.pi * k * x / np.ptp(x[c.fitted]) for x in clocks if np.ptp(x[c.fitted]) > 0 for k in turns
+    ]
+    for site, (move, *_) in movers(c).items():
+        if site not in (BASE, TOOL, PROBE):
+            continue
+        sets = [(*move(np.sin(phase)), *move(np.cos(phase))) for phase in phases]
+        if site == BASE:
+            sets = sets[: len(turns)]  # cost
+            sets += [tuple(p for p in each if p.terms[0].axis in ("rx", "ry")) for each in sets]
+        yield Cell(site, Driver("time", form="to and fro"), tuple(sets))
 
 
-MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, *MEASURING, *FURTHER, *IMAGES)
+def _artefacts(c: Circumstances) -> Iterator[Cell]:
+    """Bodies of targets, and pieces of them, that move or grow by a quantity, or bend under a contact.
+
+    A piece is the same in all placements of a body. What bends, or has another form, shows in the direction
+    of contact in F0.
+    """
+    order = np.arange(len(c.q), dtype=float)
+    clocks = {
+        "time": order if c.time is None else c.time,
+        "temperature": c.temperature,
+        "load": added_load(c),
+    }
+    flange = reference.frames(c.chain, c.q)[:, -1, :3, :3]
+    pointing = lobes(replace(c, approach=np.einsum("nij,nj->ni", flange, c.approach)))
+    for name, rows, _ in (*c.artefacts, *c.pieces):
+        mine = c.fitted[rows[c.fitted] > 0]
+        if len(mine) < CELLS.fewest or len(mine) == len(c.fitted) or name in {f.name for f in c.faces}:
+            continue
+        on, site = rows * c.touching, face(name)
+        axes = makers.SHIFTS, (*makers.SHIFTS, *makers.TURNS)
+        ways = [makers.displaced({0: some}, rows) for some in axes]
+        if np.any(on[mine]):
+            ways.append(partial(_grown, on))
+            forms = tuple(at_contact(on, f) for f in (pointing[:5], pointing))
+            yield Cell(site, Driver("contact direction"), forms)
+        for kind, clock in clocks.items():
+            if clock is not None and (waves := smooth(clock, mine, 2)):
+                sets = (tuple(p for w in waves for p in move(w)) for move in ways)
+                yield Cell(site, Driver(kind), tuple(sets))
+
+
+def _grown(on: np.ndarray, d: np.ndarray) -> list[Parameter]:
+    """What is touched in the rows (N,) where `on` is 1, larger by a function (N,)."""
+    return list(at_contact(on, [d]))
+
+
+MAKERS = (_joints, _bending, _time, _sway, _artefacts, _hanging, _around, *MEASURING, *FURTHER, *IMAGES)
 """Functions that list the cells of a session, in the order of the cells."""

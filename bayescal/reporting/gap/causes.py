@@ -13,9 +13,9 @@ from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.location import ARTEFACT, BASE, DEVIATION, Site, of_sign
 from bayescal.effects.vocabulary import unit_label
-from bayescal.gap.result import TOGETHER, Amplitude, Event, Gap, Named, Place
+from bayescal.gap.result import TOGETHER, Amplitude, Event, Gap, Place
 from bayescal.reporting.origin import entry, sized
-from bayescal.reporting.text import listed, measured, with_u
+from bayescal.reporting.text import measured, with_u
 
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
@@ -69,6 +69,11 @@ CAUSES = {
         "something acts on {site} beyond an angle of {joint}",
         "Look for a cable or a hose that is taut there, and for a stop or a cover that touches.",
     ),
+    ("joint", "angle", "jump"): (
+        "the error of {site} jumps at an angle of {joint}",
+        "Check the encoder at this angle (a scratch or dirt on its disc, a loose coupling), and what snaps "
+        "over there, as a cable or a spring.",
+    ),
     ("joint", "angle", "one place"): (
         "{site} has a local error within its revolution",
         "Check the gear at this angle for a damaged tooth or dirt, and the encoder disc for a mark.",
@@ -100,6 +105,25 @@ CAUSES = {
     ("probe", "workspace", "one region"): (
         "the probe has an error in one region of the workspace",
         "Look for a probe cable that is caught or taut there.",
+    ),
+    ("face", "contact direction", ""): (
+        "contacts on {site} have an error that depends on their direction in the base frame",
+        "Look for a stand or a clamp that bends under the probe, and check the form of the surface.",
+    ),
+    **dict.fromkeys(
+        [("face", driver, "") for driver in ("time", "temperature")],
+        (
+            "{site} shifts, turns or grows during the session",
+            "Clamp it, and wait until its temperature has settled.",
+        ),
+    ),
+    ("tool", "time", "to and fro"): (
+        "the tool goes to and fro during the session",
+        "Look for what changes in this rhythm: operators, seats of a reflector, changes of a tool.",
+    ),
+    ("tool", "load", "past"): (
+        "the tool has an error that depends on earlier loads",
+        "Look for a plastic or glued part that creeps. Wait after a change of load.",
     ),
     ("face", "beam", "one place"): (
         "{site} reads wrong in one direction, or at one distance",
@@ -324,7 +348,7 @@ def lines(gap: Gap) -> list[str]:
 
 def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
     """Entries of gap.json, with the validation gain of their effect."""
-    gain = _gains(gap)
+    gain = gains(gap)
     out = []
     for effect in dict.fromkeys(a.effect for a in gap.amplitudes):
         nats, se = gain.get(effect, (float("nan"), float("nan")))
@@ -339,61 +363,7 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
     return out
 
 
-GAIN = 3.0
-"""Standard errors of a gain of validation measurements from which on it confirms a name (convention)."""
-
-
-def possible(gap: Gap, named: Named) -> str:
-    """Why a named effect is only possible: by validation, or without a significant amplitude; else ""."""
-    nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
-    clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
-    if not named.confirmed:
-        return "the validation measurements do not confirm it"
-    if nats <= se and (little := _little(nats, se, gap)):
-        return little
-    # of several amplitudes none may be significant alone, and all together are
-    seen = any(clear or [True]) or (nats > GAIN * se and _times_u(gap, named) > SEEN_U)
-    return "" if seen else "no amplitude of it is significant"
-
-
-SEEN_U = 2.0
-"""Amplitude over its u below which a log density that rises is of wider predictions (convention)."""
-PROVEN, TIMES_U = 0.99, 4.0
-"""Probability of a name, and amplitude over its u, from which on the calibration rows establish it alone
-(assumed)."""
-
-
-def established(gap: Gap, named: Named) -> str:
-    """What establishes a named effect where few validation rows show no change of RMS; "" if nothing."""
-    if not named.confirmed:
-        return ""
-    nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
-    times = _times_u(gap, named)
-    if nats > GAIN * se and times > SEEN_U:
-        return f"log density {nats:+.0f} ± {se:.0f} nats"
-    if named.probability >= PROVEN and TIMES_U < times < np.inf:
-        return f"amplitude {times:.0f} u"
-    return ""
-
-
-def _times_u(gap: Gap, named: Named) -> float:
-    """Largest amplitude of a named effect, over its u; infinite if it has none."""
-    amplitudes = [a for a in gap.amplitudes if a.effect == named.effect]
-    return max((abs(a.value) / a.u for a in amplitudes if a.u), default=np.inf)
-
-
-def _little(nats: float, se: float, gap: Gap) -> str:
-    """That a gain of validation data is within its standard error; "" where a single name improves them."""
-    fall = [s.what for s in gap.shrinkage if s.claimed and s.removed_interval95[0] > 0]
-    if fall and len(gap.verdict.named) == 1:
-        return ""
-    errors = [{"planes": "contacts"}.get(what, what) for what in fall]
-    also = f", although errors of {listed(errors)} fall significantly by all named effects" if fall else ""
-    size = f"{nats:+.1f} ± {se:.1f} nats"
-    return f"the gain of single validation measurements by it is not significant ({size}){also}"
-
-
-def _gains(gap: Gap) -> dict[str, tuple[float, float]]:
+def gains(gap: Gap) -> dict[str, tuple[float, float]]:
     """Change of the log predictive density of validation data at the model level that adds each effect."""
     last = gap.levels[-len(gap.verdict.named) :] if gap.verdict.named else ()
     pairs = zip(gap.verdict.named, last, strict=False)

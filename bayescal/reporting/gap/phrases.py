@@ -18,16 +18,7 @@ from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.reporting.gap import per_vector
-from bayescal.reporting.gap.causes import (
-    PLAIN,
-    beside_base,
-    established,
-    possible,
-    sentence,
-    site_text,
-    sites,
-    when,
-)
+from bayescal.reporting.gap.causes import PLAIN, beside_base, gains, sentence, site_text, sites, when
 from bayescal.reporting.origin import components_of
 from bayescal.reporting.text import SURE, listed, probability, rival, um
 from bayescal.statistics import grouped
@@ -62,8 +53,11 @@ def named(effect: Named, gap: Gap) -> str:
     if effect.neighbours:
         who += f" or {together(effect.neighbours)} (these data do not distinguish them)"
     setting = effect.setting
-    if effect.events:
-        setting = listed(f"from {when(event, gap.dataset)} on" for event in effect.events)
+    if effect.events:  # in the order of time; of several sites, each with its own
+        several = len(set(effect.sites)) > 1 and len(effect.sites) == len(effect.events)
+        each = [f"{site.text} " for site in effect.sites] if several else [""] * len(effect.events)
+        ordered = sorted(zip(effect.events, each, strict=True), key=lambda pair: pair[0].row)
+        setting = listed(f"{site}from {when(event, gap.dataset)} on" for event, site in ordered)
     words = f"{does}, {setting}" if setting else does
     p = f"probability {probability(effect.probability)}"
     if len(named_sites) > 1:
@@ -88,6 +82,60 @@ def together(each: Sequence[Site]) -> str:
 def unexplained(gap: Gap) -> Place | None:
     """The location of the largest error that no named effect explains."""
     return next((w for w in gap.where if not w.explained_by), None)
+
+
+GAIN = 3.0
+"""Standard errors of a gain of validation measurements from which on it confirms a name (convention)."""
+
+
+def possible(gap: Gap, named: Named) -> str:
+    """Why a named effect is only possible: by validation, or without a significant amplitude; else ""."""
+    nats, se = gains(gap).get(named.effect, (np.nan, np.nan))
+    clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
+    if not named.confirmed:
+        return "the validation measurements do not confirm it"
+    if nats <= se and (little := _little(nats, se, gap)):
+        return little
+    # of several amplitudes none may be significant alone, and all together are
+    seen = any(clear or [True]) or (nats > GAIN * se and _times_u(gap, named) > SEEN_U)
+    return "" if seen else "no amplitude of it is significant"
+
+
+SEEN_U = 2.0
+"""Amplitude over its u below which a log density that rises is of wider predictions (convention)."""
+PROVEN, TIMES_U = 0.99, 4.0
+"""Probability of a name, and amplitude over its u, from which on the calibration rows establish it alone
+(assumed)."""
+
+
+def established(gap: Gap, named: Named) -> str:
+    """What establishes a named effect where few validation rows show no change of RMS; "" if nothing."""
+    if not named.confirmed:
+        return ""
+    nats, se = gains(gap).get(named.effect, (np.nan, np.nan))
+    times = _times_u(gap, named)
+    if nats > GAIN * se and times > SEEN_U:
+        return f"log density {nats:+.0f} ± {se:.0f} nats"
+    if named.probability >= PROVEN and TIMES_U < times < np.inf:
+        return f"amplitude {times:.0f} u"
+    return ""
+
+
+def _times_u(gap: Gap, named: Named) -> float:
+    """Largest amplitude of a named effect, over its u; infinite if it has none."""
+    amplitudes = [a for a in gap.amplitudes if a.effect == named.effect]
+    return max((abs(a.value) / a.u for a in amplitudes if a.u), default=np.inf)
+
+
+def _little(nats: float, se: float, gap: Gap) -> str:
+    """That a gain of validation data is within its standard error; "" where a single name improves them."""
+    fall = [s.what for s in gap.shrinkage if s.claimed and s.removed_interval95[0] > 0]
+    if fall and len(gap.verdict.named) == 1:
+        return ""
+    errors = [{"planes": "contacts"}.get(what, what) for what in fall]
+    also = f", although errors of {listed(errors)} fall significantly by all named effects" if fall else ""
+    size = f"{nats:+.1f} ± {se:.1f} nats"
+    return f"the gain of single validation measurements by it is not significant ({size}){also}"
 
 
 def headline(gap: Gap) -> list[str]:
@@ -132,7 +180,8 @@ def headline(gap: Gap) -> list[str]:
             beside if sure else "Ambiguous: these data do not distinguish the effects of the 90 % set"
         )
         if where and where.family_p_value < PLAIN:
-            lines += [f"Largest location: {place(where, gap.dataset)}", *_cause(where, gap)]
+            what = "Largest location, its cause not established"
+            lines += _event(where, what, gap) or [f"{what}: {place(where, gap.dataset)}"]
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
     if verdict.kind in ("named", "class"):

@@ -23,7 +23,16 @@ from bayescal.model.scene import Scene
 from bayescal.reporting.body import arm_drawing
 from bayescal.reporting.figures import begun
 from bayescal.reporting.gap import causes, per_vector, table_of_contacts
-from bayescal.reporting.gap.phrases import class_record, components, headline, place, unshown, warnings
+from bayescal.reporting.gap.phrases import (
+    class_record,
+    components,
+    established,
+    headline,
+    place,
+    possible,
+    unshown,
+    warnings,
+)
 from bayescal.reporting.origin import entry, images_record, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.text import UM
@@ -65,7 +74,7 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         "named": [
             entry(n, *NAMED)
             | {"neighbours": list(map(str, n.neighbours))}
-            | {"possible": bool(causes.possible(gap, n)), "established": causes.established(gap, n)}
+            | {"possible": bool(possible(gap, n)), "established": established(gap, n)}
             | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
         ],
