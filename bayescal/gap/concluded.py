@@ -14,7 +14,7 @@ from bayescal.errors import attempted
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.widths import sentences
-from bayescal.gap.examine import Examined
+from bayescal.gap.examine import Examined, smooth_cell
 from bayescal.gap.outcome.events import named_events
 from bayescal.gap.outcome.statements import alike, cautions, play_or_late
 from bayescal.gap.outcome.where import neighbours
@@ -89,7 +89,8 @@ def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:
 
 def events_of(e: Examined) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that are named, by effect."""
-    return named_events(e.decision.hypothesis, e.pool, e.candidates.pool, e.circumstances)
+    d = e.decision
+    return named_events(d.hypothesis, e.pool, e.candidates.pool, e.circumstances, smooth_cell(e))
 
 
 def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:

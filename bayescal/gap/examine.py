@@ -5,7 +5,7 @@ Locations of the named effects, as shares of the excess variance of the baseline
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -30,10 +30,10 @@ from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.makers import arguments
-from bayescal.gap.search.refit import refit, screened, screening_states
-from bayescal.gap.search.unknown import Pool, filled, with_set
+from bayescal.gap.search.refit import Screening, refit, screened, screening, screening_states
+from bayescal.gap.search.unknown import CellFit, Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide
-from bayescal.gap.settings import LINEAR, VERDICT
+from bayescal.gap.settings import LINEAR, SEARCH, VERDICT
 from bayescal.model import ORIENTATION
 from bayescal.model.model import main_group
 from bayescal.model.options import USUAL, FitOptions
@@ -209,18 +209,55 @@ class Baseline:
 
     def _searched(self, slopes: Slopes) -> Examined:
         """Evaluate all effects that the fit lacks, with its derivatives."""
-        fitted, c, candidate_effects = self.fitted, self.circumstances, self.candidates
-        p = slopes.problem(fitted.z, candidate_effects.pool, self.nuisance)
-        if any(wide(effect, c) for effect in EFFECTS.values()):
+        c, modelled = self.circumstances, set(map(plain_name, self.fitted.model.effects))
+        scans = [e for e in EFFECTS.values() if e.name not in modelled and wide(e, c)]
+        screenings = dict[str, Screening]()
+        if scans:
+            p = slopes.problem(self.fitted.z, self.candidates.pool, self.nuisance)
             states = screening_states(p, np.empty(0, int), np.empty(0), self.robust)
-            candidate_effects = screened(candidate_effects, slopes, states, c, fitted.model.effects)
-            del states  # with the columns of the first problem
-            p = slopes.problem(fitted.z, candidate_effects.pool, self.nuisance)
+            screenings = {e.name: screening(e, slopes, states, c) for e in scans}
+            del p, states  # with the columns of the first problem
+        result = self._with_scans(slopes, screenings)
+        more = _screened_again(result, screenings, slopes)
+        return self._with_scans(slopes, screenings | more) if more else result
+
+    def _with_scans(self, slopes: Slopes, screenings: Mapping[str, Screening]) -> Examined:
+        """Evaluate all effects, those of wide scans at some of their settings."""
+        fitted, c = self.fitted, self.circumstances
+        candidate_effects = screened(self.candidates, screenings, c)
+        p = slopes.problem(fitted.z, candidate_effects.pool, self.nuisance)
         poses = np.unique(c.q[p.rows], axis=0, return_inverse=True)[1].ravel()
         pool = filled(partial(cells, c), slopes, poses, p)
         search = Search(p, candidate_effects, self.robust, self.further)
         search.run()
         return Examined(fitted, c, candidate_effects, p, pool, search, decide(search, pool, arguments(c)))
+
+
+def _screened_again(e: Examined, screenings: Mapping[str, Screening], slopes: Slopes) -> dict[str, Screening]:
+    """Screenings of the wide scans of which untried settings explain more beside the leading hypothesis.
+
+    Over noise only, a scan finds settings that stand for other effects, and a small shift not beside them.
+    """
+    best, out = e.decision.weighed[0], dict[str, Screening]()
+    cell = smooth_cell(e)
+    for name, before in screenings.items():
+        others = [m for m in best.hypothesis.members if m.effect != name]
+        if not (others or cell) or name not in e.search.candidates.variants:
+            continue
+        state = e.search.hypothesis(others, (None, best.hypothesis.state.weight)).state
+        if cell:
+            state = with_set(state, e.pool, cell.best, cell.scale, state.weight)
+        more = screening(EFFECTS[name], slopes, [state], e.circumstances, SEARCH.screened_again)
+        tried = e.search.additions(state, [m.effect for m in others])[name].gain
+        if more.nats > tried + SEARCH.further_gain:
+            out[name] = before.joined(more)
+    return out
+
+
+def smooth_cell(e: Examined) -> CellFit | None:
+    """The generic cell beside the names of the leading hypothesis, if any, and if it is no random error."""
+    cell = e.decision.weighed[0].cell
+    return cell if cell is not None and e.pool.cells[cell.cell].clusters is None else None
 
 
 @dataclass(frozen=True)
@@ -261,11 +298,8 @@ def _noises(state: State, target: Sequence[str]) -> Noises | None:
 
 def _leading(examined: Examined) -> State:
     """The state of the most probable hypothesis, with its unmodelled effect: what they leave is error."""
-    best = examined.decision.weighed[0]
-    state = best.hypothesis.state
-    if best.cell is None or examined.pool.cells[best.cell.cell].clusters is not None:
-        return state
-    return with_set(state, examined.pool, best.cell.best, best.cell.scale, state.weight)
+    state, cell = examined.decision.weighed[0].hypothesis.state, smooth_cell(examined)
+    return with_set(state, examined.pool, cell.best, cell.scale, state.weight) if cell else state
 
 
 def _looseness(fitted: Estimate) -> float:

@@ -76,6 +76,8 @@ class SearchSettings:
     """Settings up to which all of a scan are candidates (cost)."""
     screened: int = 12
     """Settings of a wider scan that become candidates; the others are negligible (cost)."""
+    screened_again: int = 4
+    """Further ones, by what they explain beside the other effects of the leading hypothesis (cost)."""
     chunk: int = 24
     """Settings whose columns are in memory at a time (cost)."""
 
@@ -199,8 +201,7 @@ class RelativeSettings:
     modulated: float = 0.03
     """Prior odds of a modulated relative beside its name (tuned: errors of form have 4 nats at most)."""
     replaced: float = 0.3
-    """Prior odds of a replaced relative beside its name (in sessions of other authors a third of the causes
-    was not in the list, and a third of these resembled a name)."""
+    """Prior odds of a replaced relative beside its name (a third of the causes outside resembled a name)."""
 
 
 @dataclass(frozen=True)
@@ -229,8 +230,7 @@ class VerdictSettings:
     credible: float = 0.9
     """Probability of the credible set (convention)."""
     certain: float = 0.99
-    """Probability above which an effect is never dropped because it is small, or because it does not
-    extrapolate (assumed: such an error is there, whatever its size)."""
+    """Probability above which an effect is not dropped as small, or as not extrapolating (assumed)."""
     stated: float = 0.999
     """Largest probability that is stated, and the complement of the smallest (assumed: of some hundred names
     in blind checks a few were wrong above this, and no check of that size supports more)."""

@@ -1,15 +1,17 @@
 """Oracles of the engine: columns, projections, evidences and states against dense linear algebra."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from camera_sessions import camera_session
-from gap_problems import BASELINE, Bench, log_bayes, of_every_kind, unsolved, with_orientations
+from gap_problems import BASELINE, Bench, bench_of, log_bayes, of_every_kind, unsolved, with_orientations
 from rails import moving_session
 from scipy.integrate import quad
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
+from sessions import tracker
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.statics import Stance, gravity_loads
@@ -18,8 +20,9 @@ from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects import gravity as mass_errors
 from bayescal.effects.compliance import expected
 from bayescal.effects.imaging import without_camera
-from bayescal.effects.location import joint
+from bayescal.effects.location import BASE, joint
 from bayescal.estimate import STATED_WORTH, linearise
+from bayescal.gap.examine import _screened_again
 from bayescal.gap.linear.evidence import (
     LOG_WEIGHTS,
     NEWTON,
@@ -35,8 +38,11 @@ from bayescal.gap.linear.evidence import (
 )
 from bayescal.gap.linear.problem import Driven, Problem, Slopes, of_certificate, problem, without_nuisance
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.search.candidates import candidates
-from bayescal.gap.search.refit import model_name, screened
+from bayescal.gap.search.beam import Member, Search
+from bayescal.gap.search.candidates import candidates, extended
+from bayescal.gap.search.refit import model_name, screened, screening
+from bayescal.gap.search.unknown import CellFit
+from bayescal.gap.search.verdict import Weighed, _beside
 from bayescal.model import ARM, ORIENTATION, with_parameters
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
@@ -401,6 +407,58 @@ def test_nuisance_columns_come_last_and_can_be_taken_off(session):
     assert wide.jacobian.shape[1] == plain.jacobian.shape[1] + len(mass_errors.masses(c))
 
 
+def test_a_shift_is_searched_beside_the_leading_effect():
+    """Over noise only, a drift made other rows lead: the row of the shift was not tried."""
+    bench, row = bench_of(tracker, 3, 110), 55.0
+    c, step = bench.circumstances, EFFECTS["step"]
+    own = [q for q in step.at(c, row) if q.site == BASE]
+    p = bench.made_up(1, bench.of_effect("thermal-drift", 300.0, 2))
+    p = replace(p, residual=p.residual + bench.visible(bench.slopes.columns(own), 80.0, 3))
+    before = {"step": screening(step, bench.slopes, [fit_state(p, (), ())], c)}
+    assert row not in before["step"].settings
+
+    def decided(screenings):
+        known = screened(candidates(c, BASELINE), screenings, c)
+        found = replace(bench, known=known).decided(replace(p, pool=bench.slopes.columns(known.pool)))
+        return SimpleNamespace(decision=found[0], search=found[1], pool=bench.pool, circumstances=c)
+
+    first = decided(before)
+    assert [m.effect for m in first.decision.members] == ["thermal-drift"]
+    more = _screened_again(first, before, bench.slopes)
+    assert row in more["step"].settings
+    drift, shift = decided(before | more).decision.members
+    assert (drift.effect, shift.effect) == ("thermal-drift", "step")
+    assert abs(shift.variant.setting - row) <= 1.0
+
+
+def test_a_shift_stays_where_others_beside_it_stood_for_an_unmodelled_effect():
+    """Three shifts paid for three rows, and all were lost: two explained what a generic cell does."""
+    bench, row = bench_of(tracker, 3, 110), 55.0
+    own = [q for q in EFFECTS["step"].at(bench.circumstances, row) if q.site == BASE]
+    known = extended(bench.known, EFFECTS["step"], [20.0, row, 90.0], bench.circumstances)
+    cell = next(k for k, of in enumerate(bench.pool.cells) if of.site == joint(3) and len(of.sets[0]) > 3)
+    index = int(np.flatnonzero(bench.pool.owner == cell)[0])
+    p = bench.made_up(1, bench.visible(bench.pool.columns[:, bench.pool.sets[index]], 2000.0, 2))
+    p = replace(p, residual=p.residual + bench.visible(bench.slopes.columns(own), 60.0, 3))
+    search = Search(replace(p, pool=bench.slopes.columns(known.pool)), known)
+    of_base = [v for v in known.variants["step"] if {site for site, _ in v.places} == {BASE}]
+    one = next(v for v in of_base if v.setting == row)
+    three = replace(one, setting=(), columns=np.concatenate([v.columns for v in of_base]))
+    for variant, averaging, setting in ((one, -7.0, row), (three, 0.0, ()), (three, -25.0, row)):
+        best = Weighed(
+            search.hypothesis([Member(variant, 0.125, averaging)]), CellFit(cell, 0.0, index, 1.0), 0.0, 0.0
+        )
+        member = _beside(search, best, bench.pool, best.hypothesis.members[0])
+        assert member is not None
+        assert member.variant.setting == setting
+
+
+def gears(bench, p):
+    """Screening of the ratios of gears over noise only."""
+    states = [fit_state(p, (), ())]
+    return {"gear-mesh": screening(EFFECTS["gear-mesh"], bench.slopes, states, bench.circumstances)}
+
+
 def test_screening_finds_the_ratios_of_gears(session):
     dataset = replace(session, robot=replace(session.robot, reductions=None))
     bench = Bench.of(dataset)
@@ -408,7 +466,7 @@ def test_screening_finds_the_ratios_of_gears(session):
     assert "gear-mesh" not in candidates(c, BASELINE).variants
     own = [p for p in EFFECTS["gear-mesh"].at(c, 77.0) if p.site == joint(3)]
     p = bench.made_up(1, bench.visible(bench.slopes.columns(own), 150.0, 2))
-    known = screened(bench.known, bench.slopes, [fit_state(p, (), ())], c, BASELINE)
+    known = screened(bench.known, gears(bench, p), c)
     settings = {v.setting for v in known.variants["gear-mesh"]}
     assert 77.0 in settings
     assert len(settings) < 20
@@ -423,7 +481,7 @@ def test_screening_finds_the_ratios_of_gears(session):
     for j, ratio in truth.items():
         own = [q for q in EFFECTS["gear-mesh"].at(c, ratio) if (q.site, q.driver.order) == (joint(j), ratio)]
         p = replace(p, residual=p.residual + bench.visible(bench.slopes.columns(own), 120.0, j))
-    known = screened(bench.known, bench.slopes, [fit_state(p, (), ())], c, BASELINE)
+    known = screened(bench.known, gears(bench, p), c)
     variants = known.variants["gear-mesh"]
     assert sum(np.exp(v.log_prior) for v in variants) <= 1.0
     p = replace(p, pool=bench.slopes.columns(known.pool))

@@ -19,7 +19,7 @@ from bayescal.gap.result import Amplitude, Event
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.cells import sets_of
-from bayescal.gap.search.unknown import CellFit, Pool, with_columns
+from bayescal.gap.search.unknown import CellFit, Pool, with_columns, with_set
 from bayescal.gap.settings import CELLS, OUTCOME
 from bayescal.statistics import chi2_sf
 
@@ -141,7 +141,11 @@ def _changes(pool: Pool, of: np.ndarray, p: Problem) -> Iterator[np.ndarray]:
 
 
 def named_events(
-    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter], c: Circumstances
+    h: Hypothesis,
+    pool: Pool,
+    parameters: Sequence[Parameter],
+    c: Circumstances,
+    unmodelled: CellFit | None = None,
 ) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
 
@@ -156,6 +160,8 @@ def named_events(
     parameters : sequence of Parameter
         Of the candidates, by which the hypothesis counts its columns.
     c : Circumstances
+    unmodelled : CellFit or None
+        Of the unmodelled effect beside the names, which is then in the model too.
     """
     p, out = h.state.problem, dict[str, tuple[Event, ...]]()
     for m in h.members:
@@ -173,7 +179,10 @@ def named_events(
                 break
             before = out.get(m.effect, ())
             possible = _apart(m.variant, before, c)
-            event, _ = _searched(h.state.without(part), h.state.weight, columns, same, possible)
+            without = h.state.without(part)
+            if unmodelled:
+                without = with_set(without, pool, unmodelled.best, unmodelled.scale, h.state.weight)
+            event, _ = _searched(without, h.state.weight, columns, same, possible)
             out[m.effect] = (*before, _with_fitted(event, m.variant, len(before)))
     return out
 

@@ -189,16 +189,16 @@ class Single:
 
 
 def with_own_settings(
-    existing: Candidates, effect: Effect, singles: Sequence[Single], count: int
+    existing: Candidates, effect: Effect, choices: Sequence[Sequence[Single]], count: int
 ) -> Candidates:
-    """Candidates with several settings of an effect, at one or several sites: the first two of `singles`, ...
+    """Candidates with several settings of an effect, at one or several sites: the first two of a choice, ...
 
     They share `SEARCH.other_forms` of the prior of the effect: by their number of sites, then by the choice
     of sites and of settings.
 
     Parameters
     ----------
-    singles : sequence of Single
+    choices : sequence of sequence of Single
         The leading ones; their settings are candidates already.
     count : int
         Number of settings that were tried, at all sites.
@@ -209,10 +209,12 @@ def with_own_settings(
     shared = [replace(v, log_prior=v.log_prior + float(np.log(1.0 - SEARCH.other_forms))) for v in usual]
     single = {(v.setting, v.places): v.columns for v in usual}
     sites, several = len({site for v in usual for site, _ in v.places}), effect.scan.several
-    for size in range(2, len(singles) + 1):
-        some, choices = singles[:size], comb(sites, size) if several == 1 else comb(sites + size - 1, size)
-        share = SEARCH.other_forms / (max(sites, several) - 1) / choices
-        settings = tuple((one.site, one.setting) for one in some)
+    for some in (singles[:size] for singles in choices for size in range(2, len(singles) + 1)):
+        size, settings = len(some), tuple((one.site, one.setting) for one in some)
+        if any(v.setting == settings for v in shared):
+            continue
+        number = comb(sites, size) if several == 1 else comb(sites + size - 1, size)
+        share = SEARCH.other_forms / (max(sites, several) - 1) / number
         chosen_sites = tuple(one.site for one in some)
         columns = np.concatenate([single[one.setting, ((one.site, one.driver),)] for one in some])
         log_prior = float(np.log(share) - size * np.log(count / sites))

@@ -5,21 +5,21 @@ Screening of wide scans: only the settings that explain most become candidates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
 
 from bayescal.assess.shared_causes import completed
 from bayescal.effects import EFFECTS, Circumstances, Effect, Setting
-from bayescal.effects.selection import Selection, driver_words, plain, shortest
+from bayescal.effects.selection import Selection, driver_words, shortest
 from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Member
-from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, wide, with_own_settings
+from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, with_own_settings
 from bayescal.gap.settings import SEARCH
 from bayescal.model.options import USUAL, FitOptions, Part
 from bayescal.statistics import grouped
@@ -91,44 +91,66 @@ def refit(
     return completed(estimate, options.robust, flat=flat).fitted
 
 
-def screened(
-    candidates: Candidates,
-    slopes: Slopes,
-    states: Sequence[State],
-    c: Circumstances,
-    baseline: tuple[str, ...],
-) -> Candidates:
-    """Candidates with the leading settings of every wide scan, by site, from gains over several states.
+@dataclass(frozen=True)
+class Screening:
+    """Leading settings of a wide scan, and those of sites of their own, in the order of their choice."""
 
-    Where each site may have a setting of its own, these are further candidates; see `with_own_settings`.
+    settings: frozenset[float]
+    singles: tuple[tuple[Single, ...], ...]  # of each state over which they were chosen
+    tried: int  # settings, at all sites
+
+    @property
+    def nats(self) -> float:
+        """What the best choice gains, less the logarithm of the number of settings for each one."""
+        gains = [np.cumsum([one.gain - np.log(self.tried) for one in of]) for of in self.singles if of]
+        return float(max(map(np.max, gains), default=-np.inf))
+
+    def joined(self, other: Screening) -> Screening:
+        """Both choices, those of a further state last."""
+        singles = (*self.singles, *(of for of in other.singles if of not in self.singles))
+        return replace(self, settings=self.settings | other.settings, singles=singles)
+
+
+def screening(
+    effect: Effect, slopes: Slopes, states: Sequence[State], c: Circumstances, most: int = SEARCH.screened
+) -> Screening:
+    """Screen the settings of a wide scan by site, by gains over several states; `most` of them lead.
+
+    Where each site may have a setting of its own, the leading ones are chosen one after another.
     """
-    modelled = {plain(name) for name in baseline}
-    for effect in EFFECTS.values():
-        if effect.name in modelled or not wide(effect, c) or effect.scan is None:
-            continue
+    assert effect.scan is not None
+    values = effect.scan.values(c)
+    by_state = _screen(effect, values, slopes, states, c)
+    leading = _leading(by_state, most)
+    more = np.concatenate([np.empty(0), *(effect.scan.beside(c, value) for value in leading)])
+    if len(more := np.setdiff1d(more, values)):
+        near = _screen(effect, more, slopes, states, c)
+        by_state = [[*a, *b] for a, b in zip(by_state, near, strict=True)]
+        leading = _leading(by_state, most)
+    singles = _one_by_one(effect, slopes, states[0], c, by_state) if effect.scan.by_site else []
+    settings = frozenset((*leading, *(one.setting for one in singles)))
+    return Screening(settings, (tuple(singles),), len(by_state[0]))
+
+
+def screened(candidates: Candidates, screenings: Mapping[str, Screening], c: Circumstances) -> Candidates:
+    """Candidates with the settings of wide scans, by effect, that were screened; see `with_own_settings`."""
+    for name, of in screenings.items():
+        effect = EFFECTS[name]
+        assert effect.scan is not None
         values = effect.scan.values(c)
-        by_state = _screen(effect, values, slopes, states, c)
-        leading = _leading(by_state)
-        more = np.concatenate([np.empty(0), *(effect.scan.beside(c, value) for value in leading)])
-        if len(more := np.setdiff1d(more, values)):
-            near = _screen(effect, more, slopes, states, c)
-            by_state = [[*a, *b] for a, b in zip(by_state, near, strict=True)]
-            leading = _leading(by_state)
-        singles = _one_by_one(effect, slopes, states[0], c, by_state) if effect.scan.by_site else []
         middle = float(values[len(values) // 2])  # the first one: the usual setting
-        others = {*leading, *(one.setting for one in singles)} - {middle}
-        candidates = extended(candidates, effect, [middle, *sorted(others)], c)
+        candidates = extended(candidates, effect, [middle, *sorted(of.settings - {middle})], c)
         if effect.scan.by_site:
-            candidates = with_own_settings(candidates, effect, singles, len(by_state[0]))
+            candidates = with_own_settings(candidates, effect, of.singles, of.tried)
     return candidates
 
 
-def _leading(by_state: Sequence[Sequence[Single]]) -> list[float]:
+def _leading(by_state: Sequence[Sequence[Single]], most: int) -> list[float]:
     """Settings with the largest gains at any site, over any state."""
     best: dict[float, float] = {}
     for one in (one for every in by_state for one in every):
         best[one.setting] = max(one.gain, best.get(one.setting, -np.inf))
-    return sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
+    return sorted(best, key=lambda value: -best[value])[:most]
 
 
 def _screen(

@@ -178,18 +178,17 @@ def decide(search: Search, pool: Pool, given: Sequence[Argument] = ()) -> Decisi
     best = weighed[0]
     null = search.hypotheses[frozenset()].log_evidence
     explained = (best.hypothesis.log_evidence - null) / best.log_evidence if best.cell is not None else 1.0
+    members = tuple(m for m in best.hypothesis.members if m.effect in names)
     if best.cell is not None and names:
-        names = tuple(n for n in names if explained >= VERDICT.sure and _survives(search, best, pool, n))
-        kind = "named+unexplained" if names else "unknown"
+        needed = (_beside(search, best, pool, m) for m in members if explained >= VERDICT.sure)
+        members = tuple(m for m in needed if m is not None)
+        kind = "named+unexplained" if members else "unknown"
     if kind == "named" and contradicted(weighed):
         kind = "named+unexplained"
-    members = tuple(m for m in best.hypothesis.members if m.effect in names)
     members, footnotes = _without_footnotes(search, members, probability)
     chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
-    credible = credible_set(weighed)
-    return Decision(
-        kind, chosen, weighed, probability, credible, tuple(alone), footnotes, explained=explained
-    )
+    sets = credible_set(weighed)
+    return Decision(kind, chosen, weighed, probability, sets, tuple(alone), footnotes, explained=explained)
 
 
 def weigh(
@@ -208,10 +207,8 @@ def weigh(
         # a part of the baseline that was left out is a linear form of an error that may be large
         tested = [m for m in h.members if m.effect not in search.candidates.partly] if given else []
         every = relatives(h, tested, null.log_evidence, given, _without(search, h)) if tested else ()
-        for r in every:
-            out.append(
-                Weighed(h, None, h.log_evidence + r.gain - null.log_evidence, h.score + r.gain, related=r)
-            )
+        nats = h.log_evidence - null.log_evidence
+        out += [Weighed(h, None, nats + r.gain, h.score + r.gain, related=r) for r in every]
         gain, small, cells = unknown(h, pool, null.log_evidence)
         alone = cells if h is null else alone
         if not np.isfinite(gain):
@@ -221,8 +218,7 @@ def weigh(
         prior = h.log_prior + float(np.log(VERDICT.beside)) if beside else float(np.log(SEARCH.unknown))
         evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
         at_names = _at_names(h, pool, cells)
-        more = Weighed(h, best, evidence - null.log_evidence, evidence + prior, 0.0, small, at_names)
-        out.append(more)
+        out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior, 0.0, small, at_names))
     out = seen(softened(out))
     total = log_sum(np.array([w.score for w in out]))
     out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
@@ -361,16 +357,21 @@ def contradicted(weighed: Sequence[Weighed]) -> bool:
     return any(w.at_names > VERDICT.structure for w in weighed if w.hypothesis is weighed[0].hypothesis)
 
 
-def _survives(search: Search, best: Weighed, pool: Pool, effect: str) -> bool:
-    """Whether a named effect is still needed with the unmodelled effect in the model."""
+def _beside(search: Search, best: Weighed, pool: Pool, member: Member) -> Member | None:
+    """A named effect as it is needed beside the unmodelled effect, or None: in its own form or in another.
+
+    Of several shifts, some may stand for what the unmodelled effect explains.
+    """
     assert best.cell is not None
-    others = [m for m in best.hypothesis.members if m.effect != effect]
+    others = [m for m in best.hypothesis.members if m is not member]
     without = search.hypothesis(others)
     start = best.hypothesis.state.weight
     bare = with_set(without.state, pool, best.cell.best, best.cell.scale, start)
     full = with_set(best.hypothesis.state, pool, best.cell.best, best.cell.scale, start)
-    averaging = next(m.averaging for m in best.hypothesis.members if m.effect == effect)
-    return full.log_evidence + averaging - bare.log_evidence > VERDICT.kept
+    if full.log_evidence + member.averaging - bare.log_evidence > VERDICT.kept:
+        return member
+    other = search.additions(bare, [m.effect for m in others])[member.effect]
+    return other.member if other.gain > VERDICT.kept else None
 
 
 def _without_footnotes(
