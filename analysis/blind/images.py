@@ -74,7 +74,7 @@ def sides(gap: Mapping[str, Any]) -> list[str]:
         return ["null"]
     if gap["named"]:
         return sorted({OF_EFFECT.get(n["effect"], "arm") for n in gap["named"]})
-    of = gap["class"]["sites"] if gap.get("class") else [w["site"] for w in gap["where"][:1]]
+    of = gap["class"]["site"].split(" and ") if gap.get("class") else [w["site"] for w in gap["where"][:1]]
     return sorted({SIDES.get(site.split()[0], "arm") for site in of})
 
 

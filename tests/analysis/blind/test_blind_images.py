@@ -59,6 +59,11 @@ def test_the_score_by_hand():
     assert met["noise only: called otherwise"] is True
 
 
+def test_the_sides_of_a_class_without_a_name_are_those_of_its_sites():
+    record = answer("class")["gap"] | {"class": {"site": "tool and joint 2", "members": {"backlash": 0.3}}}
+    assert images.sides(record) == ["arm", "mount"]
+
+
 def test_the_page_holds_the_score(tmp_path, capsys):
     page = tmp_path / "page.md"
     page.write_text(f"# Images\n\n{images.BEGIN}\nearlier\n{images.END}\n\nend\n")
