@@ -131,6 +131,9 @@ def test_one_slipped_contact_is_no_sick_arm():
 
 def test_nothing_to_verify_with_is_said():
     assert acceptance(SOUND, Validation((), (), (), (), ())).verdict == UNVERIFIED
+    drawn = 1e-4 * np.random.default_rng(0).standard_normal((501, 3, 20))
+    turns = (RowCheck("tracker", drawn[0], drawn[1:]),)  # orientations alone verify too
+    assert acceptance(SOUND, Validation((), (), (), (), (), turns)).validated
 
 
 @pytest.fixture(scope="module")

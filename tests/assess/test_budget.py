@@ -15,7 +15,8 @@ from scipy.stats import t as student
 from sessions import plain, validating, with_columns
 
 import bayescal as bc
-from bayescal.assess.budget import COVERAGE, Budget, Component, budget
+from bayescal.assess.budget import COVERAGE, Budget, Component, budget, correlations, of_distances
+from bayescal.assess.budget import usual as budgets
 from bayescal.assess.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, PROBING, READINGS, Basis, Input
 from bayescal.assess.measurand import Measurand, certified_distances, distance, parameter, readings, volume
 from bayescal.calibration import VALIDATION_DRAWS, fit
@@ -118,6 +119,19 @@ def test_sum_is_that_of_the_posterior(fitted):
         m = distance(fitted.basis, pair)
         assert m.value == pytest.approx(drawn.error)
         assert budget(fitted.basis, m).u == pytest.approx(np.std(drawn.predicted), rel=0.05)
+
+
+def test_what_is_listed_are_the_largest_correlations_and_errors(fitted):
+    arm = fitted.basis.stated.plain.model.slices["arm"]
+    covariance = fitted.basis.stated.limited[arm, arm]
+    size = np.abs(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance))))
+    listed_sizes = [abs(r) for *_, r in correlations(fitted.basis)]
+    largest = np.sort(size[np.triu_indices(len(size), 1)])[::-1]
+    assert listed_sizes == pytest.approx(largest[: len(listed_sizes)])
+    every = {name: b.measurand.value for name, b in of_distances(fitted.basis).items()}
+    own = [abs(b.measurand.value) for b in budgets(fitted.basis) if b.measurand.value is not None]
+    assert own == pytest.approx(sorted(map(abs, every.values()))[::-1][: len(own)])
+    assert 0 < len(own) < len(every)
 
 
 def test_volume_is_that_of_the_forecast(fitted):
@@ -385,6 +399,10 @@ def test_csv_has_all_components_and_the_sum(run, command):
     _, text, _ = command("budget", run, "--parameter", "a2", "--to", "csv")
     rows = list(csv.DictReader(StringIO(text)))
     total = next(r for r in rows if r["group"] == "u")
+    expanded = next(r for r in rows if r["group"] == "U")  # U = k u: k in the place of a sensitivity
+    assert total["sensitivity"] == ""
+    factor = float(expanded["contribution"]) / float(total["contribution"])
+    assert float(expanded["sensitivity"]) == pytest.approx(factor)
     own = [float(r["contribution"]) for r in rows if r["group"] not in ("u", "U")]
     assert np.sqrt(np.sum(np.square(own))) == pytest.approx(float(total["contribution"]))
 

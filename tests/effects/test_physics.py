@@ -11,6 +11,7 @@ from bayescal.arm.motion import CONTACT
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Certificate, Target
 from bayescal.effects import EFFECTS
+from bayescal.effects.by_time import heated
 from bayescal.effects.common import usual
 from bayescal.effects.compliance import typical
 from bayescal.effects.location import Driver
@@ -516,3 +517,11 @@ def test_every_paper_between_fitted_targets_may_be_wrong(dataset):
     assert told(with_columns(dataset, role=role)) == square
     none = circumstances(replace(dataset, certificates=()))
     assert "certificate" in EFFECTS["artefact"].missing(none)
+
+
+def test_an_arm_cools_while_it_rests_and_warms_up_again():
+    """The warmth of a first-order system whose heat is off from 40 % to 55 %, by small steps."""
+    share, step, warmth = np.linspace(0.0, 1.0, 20001), 1.0 / 20000, [0.0]
+    for s in share[:-1]:
+        warmth.append(warmth[-1] + step * (float(not 0.4 <= s < 0.55) - warmth[-1]) / 0.3)
+    np.testing.assert_allclose(heated(share, 0.4, 0.55, 0.3), warmth, atol=1e-3)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 from sessions import with_columns
 
-from bayescal.assess.agreement import agreement, difference_covariance, known_directions, pair
+from bayescal.assess.agreement import _same_masses, agreement, difference_covariance, known_directions, pair
 from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE
@@ -348,3 +349,14 @@ def test_stated_noise_counts_as_eight_contacts_more(cube):
         assert dof[group] == pytest.approx(count)
         every = np.concatenate([np.full(count, factor), np.ones(8)])
         assert found.scale[group] == pytest.approx(np.sqrt(np.mean(every**2)))
+
+
+def test_masses_of_two_sessions_are_the_same_where_the_tools_are():
+    def session(mass):
+        tool = SimpleNamespace(mass=mass, centre=(0.0, 0.0, 0.1), centre_of_mass=None)
+        scene = SimpleNamespace(dataset=SimpleNamespace(tools=(tool,)))
+        plain = SimpleNamespace(model=SimpleNamespace(scene=scene))
+        return SimpleNamespace(plain=plain, inputs=SimpleNamespace(names=("mass of link 2",)))
+
+    assert _same_masses(session(1.0), session(1.0))
+    assert not _same_masses(session(1.0), session(2.0))
