@@ -242,6 +242,17 @@ def _changes(dataset: Dataset, target: int, pixel: np.ndarray) -> Iterator[tuple
         yield what, "give its corners in pixels of the size of the others", pixel * [factor, factor, 1.0]
 
 
+def by_corners(dataset: Dataset, target: int, rows: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """How far rows (C,) are off, m: 0 in images whose corners agree with the arm as well as most do.
+
+    Where most images agree. The pose of a small tag is poor, or mirrored; its corners are not.
+    """
+    if dataset.targets[target].kind != "camera" or not len(off) or np.median(off) > NEAR:
+        return off
+    seen = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)[0]
+    return np.where(seen.alike[seen.image], 0.0, off)
+
+
 def impossible(dataset: Dataset, rows: np.ndarray, off: np.ndarray) -> tuple[str, bool, str]:
     """Of the first of images that are off: its name and what explains it, whether anything does, a remedy."""
     target = int(dataset.measurements.target[rows[0]])

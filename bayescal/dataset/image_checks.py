@@ -43,7 +43,6 @@ def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray
         return np.zeros(len(rows))
     off = seen.off
     if np.max(off) > MISFIT >= np.median(off):  # most images agree: the lens may be stated roughly
-        off = np.where(seen.alike, 0.0, off)  # a small tag has no good pose, and good corners
         lens = cameras.best_lens(dataset, target, rows, readings, 1.0)
         if lens is not None:
             other = cameras.with_lens(dataset, target, lens)

@@ -275,7 +275,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
     for index, target in enumerate(dataset.targets):
         part = np.flatnonzero(rows.target == index)
-        off = every[part]
+        off = image_changes.by_corners(dataset, index, part, every[part])
         if KINDS[target.kind].placed and (off > limit[part]).any():
             mine = contacts(dataset, index, p, part)
             if (misplaced := _misplaced(mine, off, document)) is not None:

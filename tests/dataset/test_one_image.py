@@ -9,7 +9,7 @@ from camera_sessions import SIZE, camera_session
 from sessions import misread, with_columns, with_rows
 
 from bayescal.dataset import read_dataset, write_dataset
-from bayescal.dataset.image_changes import impossible, odd_images
+from bayescal.dataset.image_changes import by_corners, impossible, odd_images
 from bayescal.dataset.image_checks import misfit
 from bayescal.dataset.plausibility import explanation
 from bayescal.errors import BayescalError
@@ -138,4 +138,5 @@ def test_an_image_of_a_small_tag_is_where_its_corners_are():
     some = camera_session(images=25, seed=12, arm=[0, 2e-3, -2e-3, 2e-3, -2e-3, 0], noise=0.5, placed=False)
     tag = with_rows(some, np.flatnonzero(np.isin(some.measurements.pixel[:, 2], [0, 1, 6, 7])))
     m = tag.measurements
-    assert misfit(tag, 0, np.arange(len(m.ids)), m.readings).max() < 0.02
+    rows = np.arange(len(m.ids))
+    assert by_corners(tag, 0, rows, misfit(tag, 0, rows, m.readings)).max() < 0.02
