@@ -57,6 +57,10 @@ def test_the_arm_is_at_fault_and_the_noise_is_that_of_the_session(found):
     assert (of.images, of.target) == (12, "cam")
     assert of.corners == 12 * 24 - len(found.rejected)
     assert of.noise == pytest.approx(0.2, rel=0.1)
+    twice = replace(found.weights, scale={group: 2.0 * k for group, k in found.weights.scale.items()})
+    assert next(images(replace(found, weights=twice))).noise == pytest.approx(
+        2.0 * of.noise
+    )  # as it is fitted
     # the uncertainty of a part is its scatter
     rng, scatter = np.random.default_rng(1), {p.side: [] for p in of.parts}
     for z in rng.multivariate_normal(found.z, found.covariance, 60):

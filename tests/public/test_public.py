@@ -265,6 +265,14 @@ def test_options_of_a_calibration_and_of_a_diagnosis_arrive(latent, seed):
     assert (got["effects"], got["without"]) == (("geometry",), ("compliance J3", "d4"))
 
 
+@pytest.mark.parametrize("remounted", [True, False])
+@pytest.mark.parametrize(("command", "own_noise"), [(bc.fit, True), (bc.diagnose, False)])
+def test_sessions_are_joined_as_they_are_asked_for(command, own_noise, remounted):
+    session = bc.read_dataset(EXAMPLE)
+    got = spied("bayescal.dataset.join.joined", lambda: command([session, session], remounted=remounted))
+    assert (len(got["sessions"]), got["remounted"], got["own_noise"]) == (2, remounted, own_noise)
+
+
 @pytest.mark.parametrize(("remounted", "robust"), [(True, False), (False, True), (True, True)])
 def test_options_of_changes_arrive(tmp_path, remounted, robust):
     session = bc.read_dataset(EXAMPLE)
