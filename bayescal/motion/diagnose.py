@@ -37,7 +37,7 @@ class Place:
     form: Form
     nats: float  # that the leading set loses without it; of others, gain over noise only
     kind: str  # of the residuals in which it is shown, see `bayescal.motion.terms`
-    rms: float  # N m or rad, by which it changes what is left of calibration motions, in its largest joint
+    rms: float  # N m or rad, by which it changes what is left of all motions, in its largest joint
     joint: int  # of that, from 0
     explained_by: str  # the named effect, or ""
 
@@ -207,7 +207,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     return MotionGap(
         estimate=estimate,
         verdict=verdict,
-        where=places(search, whole, pool, verdict),
+        where=places(whole, pool, verdict),
         amplitudes=amplitudes(search, pool, verdict),
         shrinkage=shrinkage(search, pool, verdict, held),
         hypotheses=tuple((h.names, float(w), h.log_evidence) for h, w in ranked),
@@ -221,20 +221,19 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     )
 
 
-def places(search: Search, whole: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
-    """Sites of the leading set, the largest first, and further cells; `whole` is of all motions."""
+def places(whole: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
+    """Sites of the leading set, the largest first, and further cells; by all motions, as the set is."""
     out = []
-    fit, nats = search.fit(v.leading.members), whole.fit(v.leading.members).log_evidence
+    fit = whole.fit(v.leading.members)
     for m in v.leading.members:
-        others = [o for o in v.leading.members if o is not m]
+        without = whole.fit([o for o in v.leading.members if o is not m])
         effect = m.form.effect if m.form.effect in v.named.names else ""
-        lost = nats - whole.fit(others).log_evidence
-        out.append(_place(pool, search.fit(others), fit, m.form, lost, effect))
+        out.append(_place(pool, without, fit, m.form, fit.log_evidence - without.log_evidence, effect))
     out.sort(key=lambda place: -place.nats)
     taken = {place.form.site for place in out}
     for form, gain in whole.cells(v.leading.members)[: OUTCOME.places]:
         if form.site not in taken and gain > SEARCH.gain:
-            wide = search.fit((*v.leading.members, Member(form, 1.0)))
+            wide = whole.fit((*v.leading.members, Member(form, 1.0)))
             out.append(_place(pool, fit, wide, form, gain, ""))
             taken.add(form.site)
     return tuple(out)
@@ -243,16 +242,14 @@ def places(search: Search, whole: Search, pool: Pool, v: Verdict) -> tuple[Place
 def _place(pool: Pool, without: Fit, fit: Fit, form: Form, nats: float, explained_by: str) -> Place:
     """The place of a form, and by how much it changes the residuals of a fit without it.
 
-    What other parameters would take of it is no part of that. The kind of residuals is the one that it
-    changes most, in units of the noise.
+    What other parameters would take of it is no part of that. Kind and joint of the residuals are those that
+    it changes most, in units of the noise.
     """
-    table, log = pool.table.of_role(CALIBRATE), pool.estimate.parts[0].log
-    residuals = zip(table.residuals(without.values), table.residuals(fit.values), strict=True)
+    log = pool.estimate.parts[0].log
+    residuals = zip(pool.table.residuals(without.values), pool.table.residuals(fit.values), strict=True)
     size = rms(before - after for before, after in residuals)
-    kind = int(np.argmax(size / pool.estimate.noise.sd)) // log.n
-    size = size[kind * log.n :][: log.n]
-    j = int(np.argmax(size / pool.scale.torque if kind == 0 else size))
-    return Place(form, nats, log.kinds[kind], float(size[j]), j, explained_by)
+    k = int(np.argmax(size / pool.estimate.noise.sd))
+    return Place(form, nats, log.kinds[k // log.n], float(size[k]), k % log.n, explained_by)
 
 
 def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
@@ -372,7 +369,7 @@ def not_assessed(search: Search, pool: Pool) -> dict[str, str]:
     """Effects that this log does not show, and why."""
     log = pool.estimate.parts[0].log
     out = {name: why for name, effect in EFFECTS.items() if (why := effect.lacks(log))}
-    unseen = "not detectable in these motions at any plausible amplitude"
+    unseen = "not detectable in the fitted motions at any plausible amplitude"
     out |= {name: unseen for name in EFFECTS if name not in out and not search.seen.get(name, False)}
     return out
 

@@ -271,7 +271,7 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
 
 
 def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
-    """The verdict without names that withheld motions do not confirm.
+    """The verdict without names that fitted motions, of `search`, do not show, or withheld ones not confirm.
 
     Their gain must not be much less than the size of the name predicts, within its scatter. `held` are
     normal equations of the validation motions. A name that is refused has at most `VERDICT.not_admitted`; an
@@ -287,7 +287,7 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
         expected = 0.5 * float(change @ held.gram @ change)
         # the gain of a true name is normal: mean and half the variance are what its change predicts
         least = SEARCH.shown * expected - 2.0 * np.sqrt(2.0 * expected)
-        (kept if gain > least else refused).append(m)
+        (kept if search.seen[m.form.effect] and gain > least else refused).append(m)
     if not refused:
         return v
     probability = dict(v.probability)

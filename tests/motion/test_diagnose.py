@@ -193,6 +193,13 @@ def test_backlash_is_relevant_where_link_encoders_show_it(tmp_path):
     assert "not relevant" not in " ".join(gap.record["words"])
 
 
+def test_what_only_withheld_motions_show_has_its_size_and_no_name(tmp_path):
+    gap = bc.diagnose(write(tmp_path / "withheld", payload, loads=(0,) * 6 + (0.8, 0.8)), without=[])
+    assert (gap.verdict, gap.effects) == ("unknown", ())
+    assert gap.record["where"][0]["rms_Nm"] > 0.2
+    assert "would, but fitted motions do not show it" in gap.record["words"][0]
+
+
 @pytest.mark.parametrize(
     ("log", "effect", "site", "size"), [("delay", "delay", "log", 0.006), ("payload", "payload", "tool", 0.2)]
 )

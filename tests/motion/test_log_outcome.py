@@ -97,7 +97,8 @@ def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
             1: SimpleNamespace(chi2=lambda held: 0.0, vector=np.array([6.0, 8.0])),
             0: SimpleNamespace(chi2=lambda held, gain=gain: 2.0 * gain, vector=np.zeros(2)),
         }
-        search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)])
+        seen = {"backlash": True}
+        search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)], seen=seen)
         found = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
         assert (found.named.members == (member,)) == (gain > least)
     lost = 0.95 - VERDICT.not_admitted

@@ -224,7 +224,7 @@ def words(gap: MotionGap) -> list[str]:
         what += f" varies with {place.form.driver} at {place.form.site}"
         key, size = place_rms(place, unit, by)
         shown = f"{1e3 * size:.3g} {'mdeg' if key == 'rms_deg' else 'mN m'} RMS in joint {place.joint + 1}"
-        out.append(f"{what} ({shown}); no known effect explains it.")
+        out.append(f"{what} ({shown}); {_why_open(gap, place)}.")
     if v.kind == "class":
         names = [f"{_member(name)} ({_sure(p)})" for name, p in v.members.items()]
         form = v.leading.members[0].form
@@ -252,6 +252,15 @@ def words(gap: MotionGap) -> list[str]:
         some += f" of the variance of the {what} above noise"
         out.append(f"On withheld motions the named effects remove {some}.")
     return out
+
+
+def _why_open(gap: MotionGap, place: Place) -> str:
+    """Why an error has no name."""
+    if place.form.effect not in EFFECTS:
+        return "no known effect explains it"
+    name = place.form.effect
+    why = "fitted motions do not show it" if name in gap.not_assessed else "withheld motions deny it"
+    return f"{name} ({EFFECTS[name].title}) would, but {why}"
 
 
 def _at_speed(gap: MotionGap, a: Amplitude) -> str:
