@@ -104,7 +104,9 @@ def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
     lost = 0.95 - VERDICT.not_admitted
     takes = UNKNOWN if nats > VERDICT.structure else NULL
     assert found is v
-    search = SimpleNamespace(fit=lambda members: fits[len(members)])
+    hidden = SimpleNamespace(fit=search.fit, seen={"backlash": False})
+    assert confirmed(v, hidden, SimpleNamespace(gram=np.eye(2))).named.members == ()
+    search = SimpleNamespace(fit=lambda members: fits[len(members)], seen=seen)
     fits[0] = SimpleNamespace(chi2=lambda held: 0.0, vector=np.zeros(2))
     refused = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
     assert refused.probability == pytest.approx(
