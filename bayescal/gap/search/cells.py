@@ -336,11 +336,12 @@ def _sway(c: Circumstances) -> Iterator[Cell]:
 
 
 def _artefacts(c: Circumstances) -> Iterator[Cell]:
-    """Bodies of targets, and pieces of them, that move or grow by a quantity, or bend under a contact.
+    """Bodies of targets that move or grow by a quantity; they, and pieces of them, that bend under a contact.
 
     A piece is the same in all placements of a body. What bends, or has another form, shows in the direction
-    of contact in F0.
+    of contact in F0. Placed at one time after another, a piece that moves with time is a wrong certificate.
     """
+    pieces = {name for name, *_ in c.pieces}
     order = np.arange(len(c.q), dtype=float)
     clocks = {
         "time": order if c.time is None else c.time,
@@ -360,7 +361,7 @@ def _artefacts(c: Circumstances) -> Iterator[Cell]:
             ways.append(partial(_grown, on))
             forms = tuple(at_contact(on, f) for f in (pointing[:5], pointing))
             yield Cell(site, Driver("contact direction"), forms)
-        for kind, clock in clocks.items():
+        for kind, clock in clocks.items() if name not in pieces else ():
             if clock is not None and (waves := smooth(clock, mine, 2)):
                 sets = (tuple(p for w in waves for p in move(w)) for move in ways)
                 yield Cell(site, Driver(kind), tuple(sets))
