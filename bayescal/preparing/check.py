@@ -291,6 +291,8 @@ def check_record(of: Check) -> dict[str, Any]:
             "contact_mm": _scaled(d.noise.contact, 1e3),
             "point_mm": _scaled(d.noise.point, 1e3),
             "joint_deg": float(np.degrees(d.noise.joint)),
+            "slide_mm": _scaled(d.noise.slide, 1e3),
+            "orientation_deg": _scaled(d.noise.orientation, np.degrees(1.0)),
             "pixel_px": d.noise.pixel,
         },
         "repeats": _groups(m.repeat),

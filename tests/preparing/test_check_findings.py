@@ -16,6 +16,7 @@ from bayescal.dataset import read_dataset
 from bayescal.dataset.consistency import copies
 from bayescal.dataset.join import joined
 from bayescal.dataset.read import read_parts
+from bayescal.dataset.schema import NoiseEntry
 from bayescal.errors import BayescalError
 from bayescal.preparing.check import check, check_record, odd
 from bayescal.preparing.missing import _roles
@@ -247,7 +248,8 @@ PER_UNIT = {"mm": 1e3, "um": 1e6, "urad": 1e6, "deg": 180 / np.pi}
 def test_values_of_the_record_are_in_their_units(tmp_path, good):
     """All that the dataset states of noise and certificates, by the names of their keys."""
     flat = "certificates:\n  - {kind: flat, target: cube.+z, u_form_mm: 0.0025}\n"
-    found(tmp_path, good[0].replace("certificates:\n", flat), good[1])
+    noise = "noise:\n  slide_mm: 0.003\n  orientation_deg: 0.01\n"
+    found(tmp_path, good[0].replace("certificates:\n", flat).replace("noise:\n", noise), good[1])
     data, record = read_dataset(tmp_path), check_record(check(tmp_path))
     kinds = set()
     for entry, stated in zip(record["certificates"], data.certificates, strict=True):
@@ -259,6 +261,7 @@ def test_values_of_the_record_are_in_their_units(tmp_path, good):
         assert len(values) == sum(v is not None for v in some)
         kinds.add(stated.kind)
     assert kinds == {"flat", "parallel", "perpendicular", "diameter", "distance"}
+    assert set(record["noise"]) == set(NoiseEntry.model_fields)
     for key, value in record["noise"].items():
         stem, _, unit = key.rpartition("_")
         si = getattr(data.noise, stem)
