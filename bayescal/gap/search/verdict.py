@@ -317,16 +317,9 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
 
 def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
     """Kind of verdict and the effects to be named."""
-    kind, sure = _of_leading(weighed, probability)
-    enough = VERDICT.null_enough if kind.startswith("named") else VERDICT.null_enough_unnamed
-    if probability["null"] >= enough or not weighed[0].effects:
-        return "null", ()
-    return kind, sure
-
-
-def _of_leading(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-    """Kind of verdict and the effects to be named, where it is not noise only."""
     best = weighed[0]
+    if probability["null"] >= VERDICT.null_enough or not best.effects:
+        return "null", ()
     sure = tuple(n for n in best.names if probability[n] >= VERDICT.sure)
     if best.related is not None or undecided(weighed, probability):
         return "class", sure
