@@ -132,3 +132,19 @@ def test_friction_by_speed_states_its_form_and_its_torque(setting, torque):
 
 def test_no_share_is_all():
     assert [record._per_cent(x) for x in (1.0, 0.996, 0.85)] == ["more than 99 %"] * 2 + ["85 %"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "missing", "names", "why"),
+    [
+        (UNKNOWN, {}, (UNKNOWN,), "no known effect explains it"),
+        ("armature", {"armature": "too slow"}, ("armature",), "would, but fitted motions do not show it"),
+        ("armature", {}, ("armature",), "would, but withheld motions deny it"),
+        # what is less probable beside a cause that is not known was not denied by any motion
+        ("armature", {}, ("armature", UNKNOWN), "would, but it is not established beside an unknown cause"),
+    ],
+)
+def test_why_an_error_has_no_name(effect, missing, names, why):
+    gap = SimpleNamespace(not_assessed=missing, verdict=SimpleNamespace(leading=SimpleNamespace(names=names)))
+    place = SimpleNamespace(form=Form(effect, "joint 1", "acceleration"))
+    assert record._why_open(gap, place).endswith(why)

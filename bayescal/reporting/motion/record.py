@@ -15,7 +15,7 @@ from bayescal.logs.schema import arm_text
 from bayescal.logs.types import SERVO, TORQUE
 from bayescal.motion.diagnose import Amplitude, MotionGap, Place
 from bayescal.motion.effects import EFFECTS, Form, at_speed
-from bayescal.motion.search import OTHER, Hypothesis
+from bayescal.motion.search import OTHER, UNKNOWN, Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
 from bayescal.reporting.motion import LEAST, size_text
 from bayescal.reporting.origin import entry, plain, record_of, software
@@ -258,8 +258,11 @@ def _why_open(gap: MotionGap, place: Place) -> str:
     """Why an error has no name."""
     if place.form.effect not in EFFECTS:
         return "no known effect explains it"
-    name = place.form.effect
-    why = "fitted motions do not show it" if name in gap.not_assessed else "withheld motions deny it"
+    name, why = place.form.effect, "withheld motions deny it"
+    if name in gap.not_assessed:
+        why = "fitted motions do not show it"
+    elif UNKNOWN in gap.verdict.leading.names:
+        why = "it is not established beside an unknown cause"
     return f"{name} ({EFFECTS[name].title}) would, but {why}"
 
 
