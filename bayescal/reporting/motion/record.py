@@ -15,7 +15,8 @@ from bayescal.logs.schema import arm_text
 from bayescal.logs.types import SERVO, TORQUE
 from bayescal.motion.diagnose import Amplitude, MotionGap, Place
 from bayescal.motion.effects import EFFECTS, Form, at_speed
-from bayescal.motion.search import OTHER, UNKNOWN, Hypothesis
+from bayescal.motion.quantities import UNKNOWN
+from bayescal.motion.search import OTHER, Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
 from bayescal.reporting.motion import LEAST, size_text
 from bayescal.reporting.origin import entry, plain, record_of, software
