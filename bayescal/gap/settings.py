@@ -221,6 +221,8 @@ class VerdictSettings:
     """Probability from which on an effect is named (convention: more likely than not)."""
     alone: float = 0.75
     """Probability of a leading effect below which, beside an unmodelled one, it is a class (3 to 1)."""
+    odds: float = 1.5
+    """Odds that a name must have over any other effect (convention)."""
     fewest: float = 0.05
     """Smallest probability of a member of a class (convention)."""
     credible: float = 0.9

@@ -13,7 +13,7 @@ from sessions import circumstances, plain, with_columns
 
 import bayescal as bc
 from bayescal.effects import EFFECTS, Parameter, confusable, parameters_of
-from bayescal.effects.location import PROBE, Driver, Site, joint, length, magnitude, phase, propagated
+from bayescal.effects.location import PROBE, TOOL, Driver, Site, joint, length, magnitude, phase, propagated
 from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.concluded import hypotheticals
 from bayescal.gap.linear.problem import Problem
@@ -50,7 +50,8 @@ ALIKE = ("hardening", "hysteresis")
 
 def weighed(*names, probability=0.0, score=0.0, cell=False):
     """A set of effects without a fit, perhaps with an unmodelled effect."""
-    members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0), 1.0, 0.0) for n in names)
+    places = {n: ((TOOL if n == "step" else PROBE, None),) for n in names}
+    members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0, places[n]), 1.0, 0.0) for n in names)
     found = CellFit(0, 1.0, 0, 1.0) if cell else None
     return Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
 
@@ -78,7 +79,14 @@ def test_an_effect_too_small_to_be_seen_is_the_set_without_it():
         ([(("lobing",), 0.7), (("step",), 0.26), (("unknown",), 0.04)], "named", ("lobing",)),
         ([(("lobing",), 0.7), (("step",), 0.24), (("unknown",), 0.06)], "class", ("lobing",)),
         ([(("lobing",), 0.76), (("step",), 0.18), (("unknown",), 0.06)], "named", ("lobing",)),
-        ([(("lobing",), 0.4), (("step",), 0.35), (("unknown",), 0.25)], "class", ()),
+        ([(("lobing",), 0.4), (("latency",), 0.15), (("unknown",), 0.45)], "class", ()),
+        # of another effect nearly as probable: a class where both are of one site
+        ([(("lobing",), 0.52), (("latency",), 0.48)], "class", ("lobing",)),
+        ([(("lobing",), 0.52), (("step",), 0.48)], "ambiguous", ()),
+        ([(("lobing",), 0.52), (("step",), 0.4), (("unknown",), 0.08)], "ambiguous", ()),
+        ([(("hysteresis", "lobing"), 0.52), (("hysteresis", "latency"), 0.48)],
+         "ambiguous", ("hysteresis",)),
+        ([(("lobing",), 0.7), (("latency",), 0.3)], "named", ("lobing",)),
         # beside a doubtful effect only a nearly certain one is named
         ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),
         ([(("lobing", "step"), 0.45), (("lobing",), 0.3), (("latency",), 0.25)], "ambiguous", ()),

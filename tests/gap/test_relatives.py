@@ -16,7 +16,7 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.makers import arguments
-from bayescal.gap.search.verdict import _weights, relatives
+from bayescal.gap.search.unknown import _weights, relatives
 from bayescal.gap.settings import RELATIVES
 from bayescal.statistics import rms
 

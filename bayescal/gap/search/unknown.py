@@ -1,21 +1,38 @@
-"""Unmodelled effects: evidence of generic cells in addition to a hypothesis, each with its own outliers."""
+"""Unmodelled effects: evidence of generic cells in addition to a hypothesis, each with its own outliers.
+
+A cause that is not in the list of known effects may act at the site of a name and along its coordinate, and
+so explain much of the data under that name: friction that grows with the load looks like backlash. There are
+two kinds of such relatives. A *modulated* relative is the prediction of the name and, in addition, this
+prediction times smooth functions of another quantity: the data show that the name is not all. A *replaced*
+relative is the prediction times a positive function, without the name: in proportion to a load, at one end of
+a range, in one direction. The name is only as sure as the data exclude these.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bayescal.effects import Parameter
-from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weighed_sets
+from bayescal.effects.location import Driver
+from bayescal.gap.linear.evidence import (
+    SCALE_PRIOR,
+    SCALES,
+    Bank,
+    log_sum,
+    weigh_clusters,
+    weigh_sets,
+    weighed_sets,
+)
 from bayescal.gap.linear.problem import Driven, Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state, limited
-from bayescal.gap.search.beam import Hypothesis
-from bayescal.gap.search.makers import Cell
-from bayescal.gap.settings import UNKNOWN
+from bayescal.gap.search.beam import Hypothesis, Member
+from bayescal.gap.search.makers import Argument, Cell
+from bayescal.gap.settings import RELATIVES, UNKNOWN
 
 MOST_ROWS = 3000
 """Rows up to which the sets of cells are kept: their drivers take as much memory as the columns."""
@@ -206,3 +223,79 @@ def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
     mine = {place for m in hypothesis.members for place in m.variant.places}
     there = {(site.anywhere, driver.course) for site, driver in mine}
     return np.array([(cell.site, cell.driver) in there for cell in pool.cells])
+
+
+@dataclass(frozen=True)
+class Related:
+    """A member of a hypothesis replaced by an error at its site that also varies with another quantity."""
+
+    member: Member
+    driver: Driver  # the quantity that explains most
+    gain: float  # nats over the hypothesis, averaged over all quantities, with the prior odds
+
+
+def relatives(
+    h: Hypothesis,
+    members: Sequence[Member],
+    null: float,
+    given: Sequence[Argument],
+    without: Callable[[Member], Hypothesis],
+) -> Iterator[Related]:
+    """The relatives of some members of a hypothesis.
+
+    Parameters
+    ----------
+    h : Hypothesis
+    members : sequence of Member
+    null : float
+        Log evidence of noise only.
+    given : sequence of Argument
+        Quantities of the session.
+    without : callable
+        The hypothesis without a member.
+    """
+    state, p = h.state, h.state.problem
+    row = p.rows[p.contact]
+    functions = RELATIVES.share * np.column_stack([a.functions for a in given])[row]
+    factors = np.column_stack([np.ones(len(given[0].functions)), *(a.factors for a in given)])[row]
+    forgiven = RELATIVES.forgiven * max(h.log_evidence - null, 0.0)
+    for member in members:
+        reduced = without(member)
+        if h.log_evidence - reduced.log_evidence < RELATIVES.least:
+            continue
+        predicted = state.predicted(member.variant.columns)[: p.count]
+        if not np.any(predicted):  # of a certificate
+            continue
+        modulated = _nats(state, predicted[:, None] * functions, [a.functions.shape[1] for a in given])
+        modulated += np.log(RELATIVES.modulated / len(given)) - forgiven
+        bare = fit_state(p, reduced.state.columns, reduced.state.scales, state.weight, robust=False)
+        name, *each = _nats(bare, predicted[:, None] * factors, [1] * factors.shape[1])
+        replaced = _means(np.array(each) - name, [a.factors.shape[1] for a in given])
+        replaced += np.log(RELATIVES.replaced) + _weights(member, given)
+        both = np.logaddexp(modulated, replaced)
+        yield Related(member, given[int(np.argmax(both))].driver, float(log_sum(both)))
+
+
+def _nats(state: State, columns: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+    """Log evidence of consecutive sets of columns (C, K) over a state, averaged over scales."""
+    p = state.problem
+    wide = np.zeros((len(p.residual), columns.shape[1]), order="F")
+    wide[: p.count] = columns
+    ends = np.cumsum([0, *sizes])
+    sets = tuple(np.arange(low, high) for low, high in itertools.pairwise(ends))
+    return np.asarray(log_sum(weigh_sets(state, Bank(wide, sets, p.count, p.worth)) + SCALE_PRIOR, axis=1))
+
+
+def _means(nats: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+    """Logarithms of the mean evidence of consecutive groups; -inf for a group of none."""
+    parts = np.split(nats, np.cumsum(sizes)[:-1])
+    return np.array([float(log_sum(x)) - np.log(len(x)) if len(x) else -np.inf for x in parts])
+
+
+def _weights(member: Member, given: Sequence[Argument]) -> np.ndarray:
+    """Log prior of each quantity: half for those of the joints of an effect, half for all others."""
+    joints = {site.number for site, _ in member.variant.places if site.number}
+    of_joints = np.array([a.driver.joint in joints for a in given])
+    if not of_joints.any() or of_joints.all():
+        return np.full(len(given), -np.log(len(given)))
+    return np.log(np.where(of_joints, 0.5 / np.sum(of_joints), 0.5 / np.sum(~of_joints)))

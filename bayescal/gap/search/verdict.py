@@ -1,109 +1,23 @@
-"""The verdict: probabilities of all hypotheses, and the effects that are named.
-
-A cause that is not in the list of known effects may act at the site of a name and along its coordinate, and
-so explain much of the data under that name: friction that grows with the load looks like backlash. There are
-two kinds of such relatives. A *modulated* relative is the prediction of the name and, in addition, this
-prediction times smooth functions of another quantity: the data show that the name is not all. A *replaced*
-relative is the prediction times a positive function, without the name: in proportion to a load, at one end of
-a range, in one direction. The name is only as sure as the data exclude these.
-"""
+"""The verdict: probabilities of all hypotheses, and the effects that are named."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.effects import confusable
-from bayescal.effects.location import Driver
-from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, weigh_sets
-from bayescal.gap.linear.state import State, fit_state
+from bayescal.effects.location import Site
+from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.makers import Argument, Cell
-from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
-from bayescal.gap.settings import RELATIVES, SEARCH, VERDICT
+from bayescal.gap.search.unknown import CellFit, Pool, Related, relatives, unknown, with_set
+from bayescal.gap.settings import SEARCH, VERDICT
 
 SURELY_UNSEEN = 1e-9
 """Least share of a set that is not regarded as unseen (rounding)."""
-
-
-@dataclass(frozen=True)
-class Related:
-    """A member of a hypothesis replaced by an error at its site that also varies with another quantity."""
-
-    member: Member
-    driver: Driver  # the quantity that explains most
-    gain: float  # nats over the hypothesis, averaged over all quantities, with the prior odds
-
-
-def relatives(
-    h: Hypothesis,
-    members: Sequence[Member],
-    null: float,
-    given: Sequence[Argument],
-    without: Callable[[Member], Hypothesis],
-) -> Iterator[Related]:
-    """The relatives of some members of a hypothesis.
-
-    Parameters
-    ----------
-    h : Hypothesis
-    members : sequence of Member
-    null : float
-        Log evidence of noise only.
-    given : sequence of Argument
-        Quantities of the session.
-    without : callable
-        The hypothesis without a member.
-    """
-    state, p = h.state, h.state.problem
-    row = p.rows[p.contact]
-    functions = RELATIVES.share * np.column_stack([a.functions for a in given])[row]
-    factors = np.column_stack([np.ones(len(given[0].functions)), *(a.factors for a in given)])[row]
-    forgiven = RELATIVES.forgiven * max(h.log_evidence - null, 0.0)
-    for member in members:
-        reduced = without(member)
-        if h.log_evidence - reduced.log_evidence < RELATIVES.least:
-            continue
-        predicted = state.predicted(member.variant.columns)[: p.count]
-        if not np.any(predicted):  # of a certificate
-            continue
-        modulated = _nats(state, predicted[:, None] * functions, [a.functions.shape[1] for a in given])
-        modulated += np.log(RELATIVES.modulated / len(given)) - forgiven
-        bare = fit_state(p, reduced.state.columns, reduced.state.scales, state.weight, robust=False)
-        name, *each = _nats(bare, predicted[:, None] * factors, [1] * factors.shape[1])
-        replaced = _means(np.array(each) - name, [a.factors.shape[1] for a in given])
-        replaced += np.log(RELATIVES.replaced) + _weights(member, given)
-        both = np.logaddexp(modulated, replaced)
-        yield Related(member, given[int(np.argmax(both))].driver, float(log_sum(both)))
-
-
-def _nats(state: State, columns: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
-    """Log evidence of consecutive sets of columns (C, K) over a state, averaged over scales."""
-    p = state.problem
-    wide = np.zeros((len(p.residual), columns.shape[1]), order="F")
-    wide[: p.count] = columns
-    ends = np.cumsum([0, *sizes])
-    sets = tuple(np.arange(low, high) for low, high in itertools.pairwise(ends))
-    return np.asarray(log_sum(weigh_sets(state, Bank(wide, sets, p.count, p.worth)) + SCALE_PRIOR, axis=1))
-
-
-def _means(nats: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
-    """Logarithms of the mean evidence of consecutive groups; -inf for a group of none."""
-    parts = np.split(nats, np.cumsum(sizes)[:-1])
-    return np.array([float(log_sum(x)) - np.log(len(x)) if len(x) else -np.inf for x in parts])
-
-
-def _weights(member: Member, given: Sequence[Argument]) -> np.ndarray:
-    """Log prior of each quantity: half for those of the joints of an effect, half for all others."""
-    joints = {site.number for site, _ in member.variant.places if site.number}
-    of_joints = np.array([a.driver.joint in joints for a in given])
-    if not of_joints.any() or of_joints.all():
-        return np.full(len(given), -np.log(len(given)))
-    return np.log(np.where(of_joints, 0.5 / np.sum(of_joints), 0.5 / np.sum(~of_joints)))
 
 
 @dataclass(frozen=True)
@@ -217,7 +131,10 @@ def weigh(
         beside = bool(h.members) or search.further
         prior = h.log_prior + float(np.log(VERDICT.beside)) if beside else float(np.log(SEARCH.unknown))
         evidence = h.log_evidence + gain - given_away(pool.cells[best.cell], ranked) * max(gain, 0.0)
-        at_names = _at_names(h, pool, cells)
+        named = _sites(h)
+        at_names = max(
+            (f.gain for f in cells if f.rival and pool.cells[f.cell].site in named), default=-np.inf
+        )
         out.append(Weighed(h, best, evidence - null.log_evidence, evidence + prior, 0.0, small, at_names))
     out = seen(softened(out))
     total = log_sum(np.array([w.score for w in out]))
@@ -236,10 +153,9 @@ def _without(search: Search, h: Hypothesis) -> Callable[[Member], Hypothesis]:
     return without
 
 
-def _at_names(h: Hypothesis, pool: Pool, cells: Sequence[CellFit]) -> float:
-    """Largest gain of a cell at a site of a named effect."""
-    sites = {site for m in h.members for site, _ in m.variant.places}
-    return max((f.gain for f in cells if f.rival and pool.cells[f.cell].site in sites), default=-np.inf)
+def _sites(h: Hypothesis) -> set[Site]:
+    """The sites of its effects."""
+    return {site for m in h.members for site, _ in m.variant.places}
 
 
 def given_away(cell: Cell, ranked: Sequence[Hypothesis]) -> float:
@@ -327,16 +243,27 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
         return ("unknown" if probability["unknown"] >= VERDICT.sure else "ambiguous"), ()
     if best.cell is not None:
         return "named+unexplained", sure
-    if len(sure) == len(best.names):
+    if len(sure) == len(best.names) and not level(weighed, probability):
         return ("named+unexplained" if further(weighed) >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
 
 
+def level(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> list[Weighed]:
+    """The best hypothesis of each effect that is nearly as probable as one of the leading set."""
+    least = min((probability[n] for n in weighed[0].names), default=1.0) / VERDICT.odds
+    others = (n for n, p in probability.items() if n not in ("null", *weighed[0].effects) and p > least)
+    return [next(w for w in weighed if name in w.names) for name in others if name != "unknown"]
+
+
 def undecided(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> bool:
-    """Whether a single effect leads without enough probability, beside a probable unmodelled effect."""
-    best = weighed[0]
-    lone = len(best.names) == 1 and not best.unmodelled and probability[best.names[0]] < VERDICT.alone
-    return lone and probability["unknown"] >= VERDICT.fewest
+    """Whether a lone effect leads without enough probability over what may be in its place, at its site.
+
+    That is an unmodelled effect, or effects that are nearly as probable.
+    """
+    first, others = weighed[0], level(weighed, probability)
+    lone = len(first.names) == 1 and not first.unmodelled and probability[first.names[0]] < VERDICT.alone
+    here, *each = (_sites(w.hypothesis) for w in (first, *others))
+    return lone and bool(others or probability["unknown"] >= VERDICT.fewest) and all(here & e for e in each)
 
 
 def further(weighed: Sequence[Weighed]) -> float:
