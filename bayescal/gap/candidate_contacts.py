@@ -19,17 +19,19 @@ from bayescal.dataset.write import appended
 from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects.gravity import masses
 from bayescal.effects.selection import in_proportion
+from bayescal.effects.vocabulary import Setting
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import COMPLIANCE, Hypothesis, Member
-from bayescal.gap.search.candidates import Candidates
+from bayescal.gap.search.candidates import Candidates, Variant
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import length_blocks, main_group
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import Rows, locate
 from bayescal.predict.targets import as_certified, centre_of
+from bayescal.statistics import grouped
 
 AGAIN = "the same poses again"
 
@@ -236,8 +238,8 @@ def possibilities(fitted: Estimate, candidates: Candidates, members: Sequence[Me
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
     parameters = _again(model.parameters, parameters_of(model.effects, c))
     fresh: dict[int, Parameter] = {}
-    for effect, setting in dict.fromkeys((m.effect, m.variant.setting) for m in members):
-        mine = [m.variant.columns for m in members if (m.effect, m.variant.setting) == (effect, setting)]
+    parts = (part for m in members for part in _parts(m.variant, candidates))
+    for (effect, setting), mine in grouped(parts).items():
         columns = np.unique(np.concatenate(mine)).tolist()
         of_effect = EFFECTS[effect].at(c, setting)
         now = _again([candidates.pool[k] for k in columns], [*of_effect, *in_proportion(effect, of_effect)])
@@ -251,6 +253,14 @@ def possibilities(fitted: Estimate, candidates: Candidates, members: Sequence[Me
         *(_linear(fitted, wide, values, intervention, used, main) for intervention in interventions),
         *_spheres(fitted, wide, values, used, main),
     ]
+
+
+def _parts(v: Variant, candidates: Candidates) -> list[tuple[tuple[str, Setting], np.ndarray]]:
+    """The effect with each single setting of a variant, and the columns of it."""
+    if not isinstance(v.setting, tuple):
+        return [((v.effect, v.setting), v.columns)]
+    single = (one for one in candidates.variants[v.effect] if not isinstance(one.setting, tuple))
+    return [((v.effect, o.setting), o.columns) for o in single if np.isin(o.columns, v.columns).all()]
 
 
 def _linear(

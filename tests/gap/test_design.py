@@ -13,6 +13,7 @@ from camera_sessions import camera_session
 from sessions import with_columns
 
 import bayescal as bc
+from bayescal.effects import EFFECTS
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap import advise as advising
 from bayescal.gap.advise import blind_spots, distances, located, next_contacts, seats, unseen
@@ -32,7 +33,7 @@ from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import Advice
 from bayescal.gap.search.beam import Member, Search
-from bayescal.gap.search.candidates import candidates
+from bayescal.gap.search.candidates import Single, candidates, extended, with_own_settings
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
@@ -378,6 +379,21 @@ def test_points_of_an_instrument_are_judged_too(tracker):
     _, after = advising.choose([side], intervention.contact, intervention.pose, 10_000)
     assert after > 1.5 * intervention.side(a, b).strength
     assert advising.advise(s.fitted, s.known, [(large(a), large(b))])
+
+
+def test_contacts_are_advised_where_several_shifts_are_an_explanation():
+    s, step = spheres(), EFFECTS["step"]
+    c = s.scene.circumstances(s.scene.rows("calibrate"))
+    singles = extended(s.known, step, [30.0, 70.0], c)
+    places = [v.places[0] for v in singles.variants["step"]]
+    choice = [Single(row, *place) for row, place in zip((30.0, 70.0), places, strict=True)]
+    known = with_own_settings(singles, step, [choice], 100)
+    *each, both = (Member(v, 1.0, 0.0) for v in known.variants["step"])
+    wanted, found = possibilities(s.fitted, known, each), possibilities(s.fitted, known, [both])
+    assert len(found) == len(wanted) > 1
+    for a, b in zip(wanted, found, strict=True):
+        assert np.array_equal(a.used, b.used)
+        assert np.array_equal(a.pool, b.pool)
 
 
 # --- Contacts that are advised can be sent: target, readings, motion, payload; repeats say what they repeat.
