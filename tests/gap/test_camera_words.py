@@ -9,7 +9,7 @@ from camera_sessions import camera_session
 
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import _poses
-from bayescal.effects.location import BASE, TOOL, Driver
+from bayescal.effects.location import BASE, CONSTANT, PROBE, TOOL, Driver
 from bayescal.gap.result import CauseClass, Event
 from bayescal.reporting.gap import measured_as
 from bayescal.reporting.gap.causes import beside_base, event_record, when
@@ -53,6 +53,15 @@ def test_a_payload_is_not_said_to_vary():
     gap = SimpleNamespace(dataset=camera_session(images=4), verdict=verdict, advice=())
     assert "varies with gravity of tool and payload" in _class(causes, gap)
     assert _separates(gap) == "measurements at the same poses with another known mass on the flange"
+
+
+def test_a_constant_is_not_said_to_vary():
+    causes = CauseClass((PROBE,), (CONSTANT,), {"ball-radius": 0.5, "latency": 0.47})
+    verdict = SimpleNamespace(named=(), causes=causes)
+    gap = SimpleNamespace(dataset=camera_session(images=4), verdict=verdict, advice=())
+    members = "ball-radius (probability 0.50) or latency (probability 0.47)"
+    assert _class(causes, gap) == f"Class of causes: an error at the probe: {members}"
+    assert _separates(gap) == "measurements at other poses"
 
 
 @pytest.mark.parametrize(

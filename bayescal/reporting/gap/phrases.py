@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import BASE, Site
+from bayescal.effects.location import BASE, CONSTANT, Site
 from bayescal.estimate.unexplained import unexplained as left_by
 from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
@@ -208,7 +208,9 @@ LIKELY = 0.05
 
 def _class(causes: CauseClass, gap: Gap) -> str:
     """A class as text: ``Class of causes: an error at joint 3 that varies with ...``."""
-    site, by = together(causes.sites), listed(driver.text for driver in causes.drivers)
+    site = together(causes.sites)
+    by = listed(driver.text for driver in causes.drivers if driver != CONSTANT)
+    varies = f" that varies with {by}" if by else ""
     each = [
         f"{'a cause not in the list of known effects' if n == OTHER else n} (probability {probability(p)})"
         for n, p in causes.members.items()
@@ -220,7 +222,7 @@ def _class(causes: CauseClass, gap: Gap) -> str:
         site += f" or the {also} (these data do not distinguish them)"
     events = [e for n in gap.verdict.named if n.effect in causes.members for e in n.events]
     since = f", from {listed(when(e, gap.dataset) for e in events)} on" if events else ""
-    return f"{what}: an error at {site} that varies with {by}{since}: {' or '.join(each)}"
+    return f"{what}: an error at {site}{varies}{since}: {' or '.join(each)}"
 
 
 def _separates(gap: Gap) -> str:
@@ -229,8 +231,9 @@ def _separates(gap: Gap) -> str:
     assert causes is not None
     if gap.advice:
         return gap.advice[0].what
-    others = (LOADED if d.kind == MASS else f"other values of {d.text}" for d in causes.drivers)
-    return f"measurements at the same poses with {listed(others)}"
+    drivers = (d for d in causes.drivers if d != CONSTANT)
+    others = listed(LOADED if d.kind == MASS else f"other values of {d.text}" for d in drivers)
+    return f"measurements at the same poses with {others}" if others else "measurements at other poses"
 
 
 def class_record(gap: Gap) -> dict[str, Any] | None:
