@@ -239,8 +239,8 @@ def p_value(value: float) -> str:
 
 
 def listed(names: Iterable[str], last: str = "and") -> str:
-    """Names joined by commas, the last by `last`."""
-    *some, final = list(names)
+    """Names joined by commas, the last by `last`; "" without any."""
+    *some, final = list(names) or [""]
     return f"{', '.join(some)} {last} {final}" if some else final
 
 
