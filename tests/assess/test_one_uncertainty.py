@@ -21,7 +21,7 @@ from sessions import with_columns
 
 from bayescal.assess.acceptance import Check
 from bayescal.assess.budget import budget, headline
-from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, iso9283
+from bayescal.assess.conformance import FAIL, OPEN, PASS, _differs, conformance, iso9283
 from bayescal.assess.findings import reliability
 from bayescal.assess.identifiability import directions
 from bayescal.assess.inputs import UNEXPLAINED, Basis
@@ -357,6 +357,15 @@ def test_poses_by_hand(cycled):
     assert alone < figures["AP"].u_max < 1.5 * alone
     assert alone / np.sqrt(5) < figures["AP"].u < alone
     assert any("5 poses with 4 cycles each" in text for text in iso9283(basis).differs)
+
+
+def test_the_load_of_a_test_is_that_of_its_own_poses(cycled):
+    """Those that were fitted carried 2 kg, those that are judged at most 0.5 kg."""
+    payload = np.where(cycled.measurements.role == "calibrate", 2.0, 0.0)
+    payload[-1] = 0.5
+    scene = Scene(with_columns(cycled, payload=payload))
+    basis = SimpleNamespace(stated=SimpleNamespace(wide=SimpleNamespace(model=SimpleNamespace(scene=scene))))
+    assert any("up to 0.5 kg additional payload" in text for text in _differs(basis, []))
 
 
 def spread_of(basis, kind_rows, draws=4000, small=1e-4):

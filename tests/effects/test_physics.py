@@ -238,6 +238,15 @@ def test_coupling_is_with_the_two_joints_before_and_the_one_after(dataset):
     assert left == {name for name in expected if "J4 to" not in name}
 
 
+def test_coupling_levels_off_away_from_the_middle_of_the_session(dataset):
+    moved = with_columns(dataset, readings=dataset.measurements.readings + 1.0)
+    (a, *_), (b, *_) = (EFFECTS["coupling"].at(circumstances(d), "levels-off") for d in (dataset, moved))
+    q = circumstances(dataset)
+    mine = q.q[q.fitted, int(a.name.split()[1][1:]) - 1]
+    np.testing.assert_allclose(a.terms[0].driver, b.terms[0].driver, atol=1e-12)
+    assert np.median(a.terms[0].driver[q.fitted]) == pytest.approx(0.0, abs=1e-2 * np.std(mine))
+
+
 def test_hardening_grows_with_the_square_of_the_torque(dataset, moments):
     once = drivers(dataset, "hardening")
     twice = drivers(replace(dataset, gravity=2 * dataset.gravity), "hardening")

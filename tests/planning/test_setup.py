@@ -25,7 +25,7 @@ from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
-from bayescal.planning.order import Transits
+from bayescal.planning.order import Transits, _stations
 from bayescal.planning.pool import CLEAR
 from bayescal.planning.setup import EDGE, continued, read_setup, regions_of
 from bayescal.probing.clearance import Clearance
@@ -477,3 +477,10 @@ def test_what_a_person_does_before_a_row_is_said_at_each_change():
         "mount tool short; move the artefact to placement B; remove the payload",
         "attach 1 kg to the tool",
     )
+
+
+def test_the_tool_changes_only_where_it_has_to():
+    """Two placements of the artefact, two tools: the second placement begins with the tool of the first."""
+    m = SimpleNamespace(target=np.zeros(8, int), tool=np.tile([0, 1], 4))
+    stations = _stations(m, np.repeat(["a", "b"], 4), np.arange(8))
+    assert [m.tool[rows].tolist() for rows in stations] == [[0, 0], [1, 1], [1, 1], [0, 0]]

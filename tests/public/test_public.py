@@ -265,6 +265,12 @@ def test_options_of_a_calibration_and_of_a_diagnosis_arrive(latent, seed):
     assert (got["effects"], got["without"]) == (("geometry",), ("compliance J3", "d4"))
 
 
+def test_options_of_a_calibration_from_a_log_arrive(tmp_path):
+    (tmp_path / "dataset.yaml").write_text("schema: bayescal-motion/1\n")
+    got = spied("bayescal.public.motions.fit_log", lambda: bc.fit(tmp_path, samples=11, seed=7))
+    assert (got["samples"], got["seed"]) == (11, 7)
+
+
 @pytest.mark.parametrize("remounted", [True, False])
 @pytest.mark.parametrize(("command", "own_noise"), [(bc.fit, True), (bc.diagnose, False)])
 def test_sessions_are_joined_as_they_are_asked_for(command, own_noise, remounted):
