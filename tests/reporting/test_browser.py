@@ -65,7 +65,8 @@ def without_problems(problems):
 def opened(browser, pages, problems):
     """A page at a width, for all tests of it in turn: a test leaves its medium as it was.
 
-    One page is open at a time: a view in 3-D draws as long as its page is open.
+    One page is open at a time: a view in 3-D draws as long as its page is open. Each takes 5 s: tests of the
+    same page follow each other, in one scheme.
     """
 
     @lru_cache(maxsize=1)
@@ -153,7 +154,7 @@ def test_accessible(opened, name, scheme):
 
 
 def test_the_arm_responds(opened, record):
-    page = opened("plain", NARROW)
+    page = opened("plain", NARROW, "dark")
     drawn(page, "arm")
     times = page.evaluate("Object.assign({}, document.documentElement.dataset)")
     assert int(times["ready"]) < int(times["library"])  # a page to be read does not wait for plotly.js
@@ -176,7 +177,7 @@ def test_the_arm_responds(opened, record):
 
 def test_the_arm_is_a_body(opened, record):
     """All corners of its surface are on the capsules of the record at the row; artefacts stand still."""
-    page = opened("plain", NARROW)
+    page = opened("plain", NARROW, "dark")
     drawn(page, "arm")
     page.locator("#scene-row").fill("7")
     plot = "document.getElementById('scene-plot').data"
@@ -198,7 +199,7 @@ def test_the_arm_is_a_body(opened, record):
 
 
 def test_figures_are_those_of_the_record(opened, record):
-    page = opened("plain", NARROW)
+    page = opened("plain", NARROW, "dark")
     drawn(page, "residuals")
     data = page.evaluate("document.getElementById('residual-plot').data.map(t => [t.customdata, t.y])")
     got = {k: y for rows, values in data for k, y in zip(rows, values, strict=True)}
@@ -210,7 +211,7 @@ def test_figures_are_those_of_the_record(opened, record):
 
 
 def test_print_has_the_drawings(opened):
-    page = opened("plain", NARROW)
+    page = opened("plain", NARROW, "dark")
     drawn(page, "arm")
     page.emulate_media(media="print")
     try:
