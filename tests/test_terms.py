@@ -28,7 +28,7 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
         for k, line in enumerate(source.splitlines(), start=1):
             inside ^= line.lstrip().startswith("```")
             if not inside:
-                yield k, re.sub(r"`[^`]*`", "", line)
+                yield k, re.sub(r"`[^`]*`|^\w+ = ", "", line)  # without the keys of TOML
         return
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value not in EXACT:
@@ -44,7 +44,7 @@ def files() -> list[Path]:
     out: list[Path] = []
     for name in FOLDERS:
         at = ROOT / name
-        found = [at] if at.is_file() else [p for p in at.rglob("*") if p.suffix in (".py", ".md")]
+        found = [at] if at.is_file() else [p for p in at.rglob("*") if p.suffix in (".py", ".md", ".toml")]
         out += [p for p in found if not str(p.relative_to(ROOT)).startswith(NOT_YET or ("\0",))]
     return sorted(out)
 

@@ -11,7 +11,8 @@ from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
 
 from bayescal.dataset.solids import SolidEntry
-from bayescal.dataset.target_kinds import KINDS, MEANING, TargetKind
+from bayescal.dataset.table import MEANINGS
+from bayescal.dataset.target_kinds import KINDS, TargetKind
 from bayescal.storage.files import (
     Keys,
     Name,
@@ -277,7 +278,7 @@ def entry_of(kind: TargetKind) -> type[Keys]:
     fields: dict[str, Any] = {"kind": (Literal[kind.name], ...)}
     for key, value in kind.keys.items():
         optional = key in kind.optional
-        described = Field(None if optional else ..., description=MEANING.get(key))
+        described = Field(None if optional else ..., description=MEANINGS["targets"].get(key))
         fields[key] = (value | None if optional else value, described)
     return create_model(kind.name, __base__=Loose, __doc__=kind.summary, **fields)
 

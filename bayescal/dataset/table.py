@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, shown
 from bayescal.storage.files import outside, range_of, si, stem_of, unknown
-from bayescal.storage.reading import decoded, text_of
+from bayescal.storage.reading import decoded, table_beside, text_of
 from factors.kind import cross_matrix
 
 XYZ = ("x_mm", "y_mm", "z_mm")
@@ -38,41 +38,9 @@ UNIT_LENGTH = 1e-3
 LONGEST_CELL = 200
 """Characters of a cell."""
 
-COLUMNS = {
-    "id": "name of the row, unique",
-    "role": "`calibrate` (default); `validate`: never fitted, only predicted; `locate`: finds its own "
-    "target, never the arm",
-    "target": "a name of `targets`",
-    "tool": "a name of `tools`; needed where there are several",
-    "jN_deg": "reading of joint N as the controller shows it, deg",
-    "jN_degps": "velocity of joint N as the contact triggered, deg/s: its sign is the direction of approach",
-    "jN_command_deg": "commanded angle of joint N beside the measured one, deg",
-    "jN_nm": "measured torque of joint N, N m; used where `torques: measured`",
-    "jN_mm": "reading of a prismatic joint N, in place of `jN_deg`, mm",
-    "jN_mmps": "velocity of a prismatic joint N, mm/s",
-    "jN_command_mm": "commanded position of a prismatic joint N, mm",
-    "jN_n": "measured force of a prismatic joint N, N",
-    "x_mm": "x that the instrument read, in its own frame, mm",
-    "y_mm": "y that the instrument read, mm",
-    "z_mm": "z that the instrument read, mm",
-    "rx_deg": "roll of the tool frame in the instrument's frame, deg: the row is then a full pose",
-    "ry_deg": "pitch of the tool frame, deg",
-    "rz_deg": "yaw of the tool frame, deg: R = Rz(rz) Ry(ry) Rx(rx)",
-    "qw": "in place of `rx_deg` ...: the same rotation as a unit quaternion, w of it",
-    "qx": "x of the quaternion",
-    "qy": "y of the quaternion",
-    "qz": "z of the quaternion",
-    "u_px": "column of a corner of a board in an image, px from the centre of the first pixel",
-    "v_px": "row of the corner, px",
-    "point": "number of the corner on its board, from 0",
-    "length_mm": "length that a bar or wire read, mm; needed where its target states none",
-    "u_mm": "standard uncertainty of this row, mm, in place of the stated noise; may be empty",
-    "stop": "rows with the same value were taken at one standstill of the arm; may be empty",
-    "time_s": "time since the session began, s",
-    "temperature_c": "temperature, deg C, of what `temperature_of` says",
-    "payload_kg": "mass at the flange in addition to the tool, kg; empty: 0",
-    "repeat": "rows with the same value repeat one contact: their scatter is the noise; may be empty",
-}
+MEANINGS: dict[str, dict[str, str]] = table_beside(__file__, "meanings.toml")
+"""What keys of dataset.yaml and columns mean."""
+COLUMNS = MEANINGS["columns"]
 """What the columns of measurements.csv mean, in the contract's order; N stands for the number of a joint."""
 PLAIN = tuple(key for key in COLUMNS if not key.startswith("jN_"))
 JOINT = {"deg": "mm", "degps": "mmps", "command_deg": "command_mm", "nm": "n"}

@@ -32,34 +32,6 @@ LOOSE, LOOSE_ANGLE = 50e-3, 0.2
 DIAMETER_SD = 1e-3
 """m, of a diameter that no certificate states."""
 
-MEANING = {
-    "normal": "Outward unit normal of the surface.",
-    "offset_mm": "Distance of the surface from the origin of F0 along its normal: n.x = offset.",
-    "centre_mm": "Centre in F0: of the sphere, of the ball in its nest, of the pivot of the bar.",
-    "diameter_mm": "Diameter, as certified where a `diameter` certificate names the target.",
-    "point_mm": "A point of the axis in F0.",
-    "axis": "Unit vector along the axis.",
-    "length_mm": "Length of the bar; left out if each row states its own.",
-    "xyz_mm": "Origin of the instrument's frame in F0; roughly, because the rows locate it.",
-    "rpy_deg": "Roll, pitch, yaw of the instrument's frame in F0: R = Rz(yaw) Ry(pitch) Rx(roll).",
-    "mount": "`fixed`: the camera is fixed, the board on the flange; `flange`: the other way round.",
-    "lens": "`pinhole` (default) with k1, k2, p1, p2, k3, or `fisheye` with k1 to k4, as in OpenCV.",
-    "size_px": "Width and height of the images.",
-    "fx_px": "Focal length along rows of the image.",
-    "fy_px": "Focal length along columns of the image.",
-    "cx_px": "Column of the optical axis.",
-    "cy_px": "Row of the optical axis.",
-    "distortion": "Coefficients of the lens, in the order of OpenCV; default: none.",
-    "u_focal_px": "Standard uncertainty of a focal length; default 0.2 %.",
-    "u_centre_px": "Standard uncertainty of the optical axis in the image; default 3 px.",
-    "u_distortion": "Standard uncertainty of each coefficient; default 0.01, and 0.001 of p1 and p2.",
-    "board": "The board: charuco:7x5:30mm:22mm, checkerboard:9x6:25mm (inner corners), apriltag:36h11:40mm.",
-    "points_mm": "Points of any other board, in a frame of its own.",
-    "u_scale": "Relative standard uncertainty of the size of the board; default 0.001.",
-    "u_flatness_mm": "Standard deviation of the board from a plane; default 0.2 mm.",
-}
-"""What the keys of targets mean; a further kind adds its own."""
-
 
 def _a_board(text: str) -> str:
     try:
@@ -279,108 +251,55 @@ def _centre(t: Target) -> np.ndarray:
     return vector(t, "centre")
 
 
-KINDS: dict[str, TargetKind] = {
-    kind.name: kind
-    for kind in (
-        TargetKind(
-            "plane",
-            "``n.x = offset`` on the surface, n outward",
-            {"normal": Vector, "offset_mm": Number},
-            _plane,
-            form="plane",
-            place=lambda t: t.values["offset"] * vector(t, "normal"),
-            direction="normal",
-            certificates=("flat",),
-            touched=True,
-            flat=True,
-            planned=Probing(regions.face, regions.on_face, regions.wall, ("width", "height")),
+_KINDS = (
+    TargetKind(
+        "plane", "``n.x = offset`` on the surface, n outward",
+        {"normal": Vector, "offset_mm": Number}, _plane,
+        form="plane", place=lambda t: t.values["offset"] * vector(t, "normal"), direction="normal",
+        certificates=("flat",), touched=True, flat=True,
+        planned=Probing(regions.face, regions.on_face, regions.wall, ("width", "height")),
+    ),
+    TargetKind(
+        "sphere", "a sphere, probed on its surface", {"centre_mm": Vector, "diameter_mm": Positive}, _sphere,
+        form="point", place=_centre, certificates=("diameter",), touched=True, centred=True, located=True,
+        planned=Probing(regions.cap, regions.on_sphere, regions.sphere),
+    ),
+    TargetKind(
+        "cylinder", "a cylinder, probed on its side",
+        {"point_mm": Vector, "axis": Vector, "diameter_mm": Positive}, _cylinder,
+        form="axis", place=lambda t: vector(t, "point"), direction="axis", certificates=("diameter",),
+        touched=True, planned=Probing(regions.side, regions.on_side, regions.pin, ("length",)),
+    ),
+    TargetKind(
+        "fixed-point", "a nest that locates the ball centre repeatably", {"centre_mm": Vector},
+        lambda t, seen: FixedPoint(vector(t, "centre"), np.full(3, place_sd(t))),
+        form="point", place=_centre, centred=True,
+        planned=Probing(regions.cap, regions.in_seat, regions.post),
+    ),
+    TargetKind(
+        "distance", "a ball bar or a wire: the ball's centre at a length from a fixed pivot",
+        {"centre_mm": Vector, "length_mm": Positive}, _distance,
+        form="point", place=_centre, optional=("length_mm",), reads="length", metric=True,
+        planned=Probing(regions.cap, regions.about_pivot, regions.post),
+    ),
+    TargetKind(
+        "instrument", "the frame of a tracker or a camera in F0, which reads points and orientations",
+        {"xyz_mm": Vector, "rpy_deg": Vector}, _instrument,
+        form="point", place=lambda t: vector(t, "xyz"), reads="xyz", noise="point", metric=True, placed=False,
+        planned=Probing(),
+    ),
+    TargetKind(
+        "camera", "a camera and a board, of which one is on the flange", CAMERA, _camera,
+        form="point", place=lambda t: vector(t, "xyz"),
+        optional=tuple(key for key in CAMERA if key not in ("mount", "fx_px", "fy_px", "cx_px", "cy_px")),
+        reads="pixel", noise="pixel", usual=cameras.PIXEL, metric=True, placed=False, posed=True,
+        misfit=image_checks.misfit, prepared=image_checks.prepared,
+        planned=Probing(
+            image_checks.region, obstacle=image_checks.obstacle, aims=image_checks.aims,
+            faults=image_checks.faults, points=image_checks.corners, sights=image_checks.sights,
+            held=image_checks.held,
         ),
-        TargetKind(
-            "sphere",
-            "a sphere, probed on its surface",
-            {"centre_mm": Vector, "diameter_mm": Positive},
-            _sphere,
-            form="point",
-            place=_centre,
-            certificates=("diameter",),
-            touched=True,
-            centred=True,
-            located=True,
-            planned=Probing(regions.cap, regions.on_sphere, regions.sphere),
-        ),
-        TargetKind(
-            "cylinder",
-            "a cylinder, probed on its side",
-            {"point_mm": Vector, "axis": Vector, "diameter_mm": Positive},
-            _cylinder,
-            form="axis",
-            place=lambda t: vector(t, "point"),
-            direction="axis",
-            certificates=("diameter",),
-            touched=True,
-            planned=Probing(regions.side, regions.on_side, regions.pin, ("length",)),
-        ),
-        TargetKind(
-            "fixed-point",
-            "a nest that locates the ball centre repeatably",
-            {"centre_mm": Vector},
-            lambda t, seen: FixedPoint(vector(t, "centre"), np.full(3, place_sd(t))),
-            form="point",
-            place=_centre,
-            centred=True,
-            planned=Probing(regions.cap, regions.in_seat, regions.post),
-        ),
-        TargetKind(
-            "distance",
-            "a ball bar or a wire: the ball's centre at a length from a fixed pivot",
-            {"centre_mm": Vector, "length_mm": Positive},
-            _distance,
-            form="point",
-            place=_centre,
-            optional=("length_mm",),
-            reads="length",
-            metric=True,
-            planned=Probing(regions.cap, regions.about_pivot, regions.post),
-        ),
-        TargetKind(
-            "instrument",
-            "the frame of a tracker or a camera in F0, which reads points and orientations",
-            {"xyz_mm": Vector, "rpy_deg": Vector},
-            _instrument,
-            form="point",
-            place=lambda t: vector(t, "xyz"),
-            reads="xyz",
-            noise="point",
-            metric=True,
-            placed=False,
-            planned=Probing(),
-        ),
-        TargetKind(
-            "camera",
-            "a camera and a board, of which one is on the flange",
-            CAMERA,
-            _camera,
-            form="point",
-            place=lambda t: vector(t, "xyz"),
-            optional=tuple(key for key in CAMERA if key not in ("mount", "fx_px", "fy_px", "cx_px", "cy_px")),
-            reads="pixel",
-            noise="pixel",
-            usual=cameras.PIXEL,
-            metric=True,
-            placed=False,
-            posed=True,
-            misfit=image_checks.misfit,
-            prepared=image_checks.prepared,
-            planned=Probing(
-                image_checks.region,
-                obstacle=image_checks.obstacle,
-                aims=image_checks.aims,
-                faults=image_checks.faults,
-                points=image_checks.corners,
-                sights=image_checks.sights,
-                held=image_checks.held,
-            ),
-        ),
-    )
-}
+    ),
+)  # fmt: skip
+KINDS: dict[str, TargetKind] = {kind.name: kind for kind in _KINDS}
 """Every kind, by its name in dataset.yaml."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.robots.servos import GRIPPER
-from bayescal.storage.reading import library
+from bayescal.storage.reading import library, table_beside
 
 DEG = 180 / math.pi
 
@@ -36,78 +36,23 @@ TEXTS = ("motion", "role", "kind")
 OTHERS = (*SINGLE, *TEXTS)
 """What a row may have beside the joints: texts, and all of it."""
 
-UR_RTDE = (
-    "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
-    "j*_command?=target_q_*0 rad, j*_current?=actual_current_*0 A, "
-    "j*_torque?=actual_current_as_torque_*0 Nm, j*_target_torque?=target_moment_*0 Nm, "
-    "j*_target_current?=target_current_*0 A, j*_temperature?=joint_temperatures_*0 C, payload?=payload kg"
-)
-"""The map of a record of RTDE; `target_moment` and `target_current` give the torque constants."""
-
 
 @dataclass(frozen=True)
 class Message:
-    """A ROS message: ``quantity=field`` (or one of several), the field of the names, the kind of torque."""
+    """A ROS message: fields by quantity (one of several), that of the names, kind of torque, that of time."""
 
-    fields: str
+    joints: Mapping[str, Sequence[str]]
     names: str = ""
     torque: str = "motor"
     stamp: str = "header.stamp"
 
-    @property
-    def joints(self) -> Mapping[str, Sequence[str]]:
-        """Fields by quantity."""
-        entries = (entry.partition("=") for entry in self.fields.split())
-        return {quantity: fields.split("|") for quantity, _, fields in entries}
 
-
-MESSAGES = {
-    "franka_msgs/msg/FrankaRobotState": Message(
-        "position=measured_joint_state.position velocity=measured_joint_state.velocity "
-        "torque=measured_joint_state.effort command=desired_joint_state.position",
-        "measured_joint_state.name",
-        "sensor",
-    ),
-    "franka_msgs/msg/FrankaState": Message(
-        "position=q velocity=dq torque=tau_j|tau_J command=q_d", torque="sensor"
-    ),
-    "ur_msgs/msg/RobotStateRTMsg": Message(
-        "position=q_actual velocity=qd_actual current=i_actual command=q_target target_torque=m_target "
-        "target_current=i_target temperatures=motor_temperatures",
-        torque="current",
-        stamp="time",
-    ),
-    "sensor_msgs/msg/JointState": Message("position=position velocity=velocity torque=effort", "name"),
-    "control_msgs/msg/JointTrajectoryControllerState": Message(
-        "position=feedback.positions|actual.positions command=reference.positions|desired.positions",
-        "joint_names",
-    ),
-}
-"""By type, the first that has all positions gives the rows."""
-EFFORTS = (
-    (r"universal|(?<![a-z])ur\d+e?(?![a-z0-9])", "current", "a UR are motor currents, A"),
-    (r"franka|panda|(?<![a-z])(fr3|fer)(?![a-z])", "sensor", "a Franka are those of its torque sensors"),
-    (r"iiwa|(?<![a-z])lbr", "sensor", "an iiwa are those of its torque sensors"),
+_FORMATS = table_beside(__file__, "formats.toml")
+UR_RTDE, SERIAL, EFFORTS, LEROBOT, SAGE = (
+    _FORMATS[key] for key in ("ur_rtde", "serial", "efforts", "lerobot", "sage")
 )
-"""What the ROS driver of a robot, by its name, writes into `effort` by default (manuals of the drivers)."""
-
-LEROBOT = {
-    "position": "observation.state",
-    "command": "action",
-    "velocity": "observation.velocity",
-    "torque": "observation.effort",
-    "current": "observation.current",
-}
-"""Columns of a LeRobot data set, each with a list a row; the last three are of recorders that add them."""
-SAGE = {"position": "positions", "velocity": "velocities", "torque": "torques"}
-"""Columns of SAGE's state_motor.csv, rad, rad/s, N m; `positions` of control.csv is the command."""
-
-SERIAL = (
-    ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
-    ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
-    ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll"),
-)
-"""Joints of Universal Robots and of the SO-100/101, from the base on; logs often order them otherwise."""
+MESSAGES = {kind: Message(**message) for kind, message in _FORMATS["messages"].items()}
+"""By type, the first that has all positions gives the rows. What the others are, says `formats.toml`."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.robots.servos import STEP, STEPS
 from bayescal.storage.files import unknown
+from bayescal.storage.reading import table_beside
 
 
 @dataclass(frozen=True)
@@ -56,25 +57,11 @@ UNITS: dict[str, Unit] = {
 }
 """By name; the dataset holds degrees Celsius. Steps of a servo are 4096 a turn, zero at half a turn."""
 
-SPELLINGS = {
-    "um": ("µm", "μm"),
-    "mm": ("MM",),
-    "in": ("inch", "inches", '"'),
-    "deg": ("°", "degree", "degrees", "Deg", "DEG"),
-    "rad": ("radian", "radians", "Rad", "RAD"),
-    "degps": ("deg/s",),
-    "radps": ("rad/s",),
-    "mmps": ("mm/s",),
-    "mps": ("m/s",),
-    "Nm": ("N.m", "N*m", "nm"),
-    "C": ("°C", "degC"),
-    "F": ("°F",),
-    "s": ("sec", "seconds"),
-    "ms": ("msec",),
-    "us": ("µs", "μs"),
-    "rpm": ("1/min", "r/min"),
+ALIASES: dict[str, str] = {
+    spelling: name
+    for name, spellings in table_beside(__file__, "units.toml")["spellings"].items()
+    for spelling in spellings
 }
-ALIASES = {spelling: name for name, spellings in SPELLINGS.items() for spelling in spellings}
 """Other spellings. ``nm`` is a torque, as in the dataset: nanometres do not occur in logs."""
 
 

@@ -149,45 +149,21 @@ def _apart(one: Target, other: Target, u: float) -> Certificate:
     return Certificate("distance", (one.name, other.name), round(float(length), 6), u)
 
 
-ARTEFACTS: dict[str, Artefact] = {
-    artefact.name: artefact
-    for artefact in (
-        Artefact(
-            "cube",
-            "a cube or block with ground faces; the certified distance of two faces gives the scale",
-            _cube,
-        ),
-        Artefact(
-            "spheres",
-            "three spheres of certified distances, placed at several positions (`@1`, `@2`, ...)",
-            _spheres,
-            certified=("diameter_mm",),
-        ),
-        Artefact(
-            "plate",
-            "a flat plate, placed in several orientations; no certified length, the scale is the robot's own",
-            _plate,
-        ),
-        Artefact(
-            "socket",
-            "four conical seats of certified distances, in which a ball on the flange is seated",
-            _seats,
-        ),
-        Artefact(
-            "bar",
-            "a ball bar of certified length about a pivot, at several positions of the pivot",
-            _bar,
-            certified=("length_mm",),
-        ),
-        Artefact(
-            "tracker",
-            "a laser tracker or camera that reads a reflector on the flange",
-            _tracker,
-            tool="reflector",
-            columns=("x_mm", "y_mm", "z_mm"),
-        ),
-    )
-}
+_ARTEFACTS = (
+    Artefact("cube", "a cube or block with ground faces; the certified distance of two faces gives the scale",
+             _cube),
+    Artefact("spheres", "three spheres of certified distances, placed at several positions (`@1`, `@2`, ...)",
+             _spheres, certified=("diameter_mm",)),
+    Artefact("plate", "a flat plate, placed in several orientations; no certified length, the scale is the "
+             "robot's own", _plate),
+    Artefact("socket", "four conical seats of certified distances, in which a ball on the flange is seated",
+             _seats),
+    Artefact("bar", "a ball bar of certified length about a pivot, at several positions of the pivot",
+             _bar, certified=("length_mm",)),
+    Artefact("tracker", "a laser tracker or camera that reads a reflector on the flange",
+             _tracker, tool="reflector", columns=("x_mm", "y_mm", "z_mm")),
+)  # fmt: skip
+ARTEFACTS = {artefact.name: artefact for artefact in _ARTEFACTS}
 """Artefacts by name. Example values of certificates are marked to be filled in."""
 
 JOINTS = 6

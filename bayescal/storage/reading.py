@@ -9,6 +9,7 @@ import json
 import os
 import re
 import stat
+import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -52,6 +53,11 @@ def content_of(path: Path, largest: int = LARGEST) -> bytes:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise BayescalError(f"cannot be read: {why}", path.name, "give a readable file") from None
+
+
+def table_beside(module: str, name: str) -> dict[str, Any]:
+    """The content of a TOML file of the package, beside the file of a module."""
+    return tomllib.loads(Path(module).with_name(name).read_text("utf-8"))
 
 
 def library(name: str, what: str, where: str, remedy: str) -> Any:

@@ -16,159 +16,18 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import TOGETHER, Amplitude, Event, Gap, Place
 from bayescal.reporting.origin import entry, sized
 from bayescal.reporting.text import measured, with_u
+from bayescal.storage.reading import table_beside
 
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
 MOSTLY = 0.5
 """Share of the square of an error in a region, above which the target that has it is named (convention)."""
-LOG = "Look at the log at this row: "
 MOST = "a sudden change alone explains most of it: "
-KEPT = " Until then, keep the rows before and after it in sessions of their own."
 CAUSES = {
-    ("base", "base moment", "sign"): (
-        "the base rocks with the sign of the base moment",
-        "Tighten the base bolts to the stated torque, and look for clearance below the mounting plate: it "
-        "rests on one edge or the other, by the side on which the arm reaches out. Shim it, then repeat the "
-        "session.",
-    ),
-    ("base", "time", "to and fro"): (
-        "{site} sways during the session",
-        "Look for what tilts the stand in this rhythm: traffic, a machine, a door, air conditioning. Anchor "
-        "the stand.",
-    ),
-    ("tool", "event", ""): (
-        "the tool shifted",
-        f"{LOG}a tool (stylus, reflector, camera) that was changed, mounted anew or struck. Tighten it, and "
-        "qualify a probe again. From there on it can be another tool: name it in `tool`, and define it.",
-    ),
-    ("probe", "event", ""): (
-        "the pre-travel of the probe changed",
-        f"{LOG}a stylus or a trigger force that was changed. Tighten the stylus and qualify the "
-        f"probe again.{KEPT}",
-    ),
-    ("joint", "event", ""): (
-        "the zero of {site} changed",
-        f"{LOG}a collision, an emergency stop, a restart. Check the brake, the belt and the encoder of "
-        f"the joint, and set its zero again.{KEPT}",
-    ),
-    ("face", "event", ""): (
-        "{site} shifted",
-        f"{LOG}an artefact that was struck or clamped anew. Fasten it.{KEPT}",
-    ),
-    ("joint", "torque", "past"): (
-        "{site} creeps after a change of load",
-        "Wait after a change of load or a long motion before measuring. Check the grease and the "
-        "wear of the gear.",
-    ),
-    ("joint", "travel", ""): (
-        "{site} has lost motion that depends on its earlier travel",
-        "Check the preload of the gear and the belt tension. Until then, approach accurate points "
-        "from one direction and from the same distance.",
-    ),
-    ("joint", "angle", "beyond"): (
-        "something acts on {site} beyond an angle of {joint}",
-        "Look for a cable or a hose that is taut there, and for a stop or a cover that touches.",
-    ),
-    ("joint", "angle", "jump"): (
-        "the error of {site} jumps at an angle of {joint}",
-        "Check the encoder at this angle (a scratch or dirt on its disc, a loose coupling), and what snaps "
-        "over there, as a cable or a spring.",
-    ),
-    ("joint", "angle", "one place"): (
-        "{site} has a local error within its revolution",
-        "Check the gear at this angle for a damaged tooth or dirt, and the encoder disc for a mark.",
-    ),
-    ("joint", "torque", "own angle"): (
-        "the stiffness of {site} depends on its angle",
-        "Check the reduction for a flexspline or a gear that is clamped out of round, and for worn teeth.",
-    ),
-    ("joint", "torque", "other angle"): (
-        "the stiffness of {site} depends on the angle of another joint",
-        "Check what both joints load: a shared gear train, a counterbalance, a cable or a hose.",
-    ),
-    ("joint", "reading", ""): (
-        "{site} has an error that differs from one reading to the next, in no smooth way with any quantity",
-        "Measure some poses again: what repeats is a function of the pose. What does not is of the encoder, "
-        "its cable, the coupling of its shaft, or of a joint not yet at rest.",
-    ),
-    ("joint", "angle", "repeats"): (
-        "{site} has an error that repeats at the same pose, in no smooth way with any quantity",
-        "Measure along this joint in small steps, others at rest: short waves of a gear, or of two joints.",
-    ),
-    **dict.fromkeys(
-        [(site, "load", "") for site in ("tool", "base", "link", "joint", "probe")],
-        (
-            "an error follows the load on the flange, as at {site}",
-            "Weigh the loads with what holds them, and find their centres of mass: correct `payload_kg`.",
-        ),
-    ),
-    ("probe", "workspace", "one region"): (
-        "the probe has an error in one region of the workspace",
-        "Look for a probe cable that is caught or taut there.",
-    ),
-    ("face", "contact direction", ""): (
-        "contacts on {site} have an error that depends on their direction in the base frame",
-        "Look for a stand or a clamp that bends under the probe, and check the form of the surface.",
-    ),
-    **dict.fromkeys(
-        [("face", driver, "") for driver in ("time", "temperature")],
-        (
-            "{site} shifts, turns or grows during the session",
-            "Clamp it, and wait until its temperature has settled.",
-        ),
-    ),
-    ("tool", "time", "to and fro"): (
-        "the tool goes to and fro during the session",
-        "Look for what changes in this rhythm: operators, seats of a reflector, changes of a tool.",
-    ),
-    ("tool", "load", "past"): (
-        "the tool has an error that depends on earlier loads",
-        "Look for a plastic or glued part that creeps. Wait after a change of load.",
-    ),
-    ("face", "beam", "one place"): (
-        "{site} reads wrong in one direction, or at one distance",
-        "Look for warm air, a reflection or an obstacle in its beam there, and for a reflector that is "
-        "turned too far from it.",
-    ),
-    ("face", "beam", "to and fro"): (
-        "{site} reads wrong in waves of its distances or its angles",
-        "Check its distances on known lengths, and its encoders in front sight and back sight.",
-    ),
-    ("board", "board", "heights"): (
-        "the points of {site} are not in one plane, in another form than a bow",
-        "Mount the board on a stiff, flat plate, and check it with a straightedge.",
-    ),
-    ("board", "board", "places"): (
-        "the points of {site} are not where its pattern has them",
-        "Measure the board over several squares along both axes and both diagonals, and print it again "
-        "without scaling, or use a better one.",
-    ),
-    **dict.fromkeys(
-        [("camera", driver, "") for driver in ("time", "temperature", "activity", "count")],
-        (
-            "the images of {site} grow, shrink or shift during the session",
-            "Fix the focus, switch off autofocus and stabilisation, and let the camera warm up before the "
-            "session. Check that its mount does not sag.",
-        ),
-    ),
-    ("camera", "event", ""): (
-        "the images of {site} changed",
-        f"{LOG}a focus, a zoom or a crop that was changed, or a camera that was struck. Calibrate the "
-        f"camera again.{KEPT}",
-    ),
-    ("camera", "image", ""): (
-        "corners are off by their place in the image, in another form than the model of the lens",
-        "Calibrate the camera again with corners up to the edges, and with a model of distortion that "
-        "fits. Look for a glass or a cover before the lens.",
-    ),
-    ("camera", "clock", "in the image"): (
-        "images of a moving arm are off by the row or column of the corner",
-        "Take images at rest, or with a global shutter.",
-    ),
-    ("face", "face", "one spot"): (
-        "{site} has an error at one spot",
-        "Clean the spot, and look for a dent or a burr.",
-    ),
+    (site, driver, cause.get("form", "")): (cause["what"], cause["inspect"])
+    for cause in table_beside(__file__, "causes.toml")["cause"]
+    for site in cause["sites"]
+    for driver in cause["drivers"]
 }
 """By kind of site, kind of driver and its form: what happens, with `{site}`, `{joint}`; what to inspect."""
 
