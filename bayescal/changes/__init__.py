@@ -167,23 +167,10 @@ def changed(
         *(() if joint.placed else (NOT_PLACED,)),
     )
     return Changed(
-        of_time,
-        effects,
-        of_time.sessions,
-        verdict,
-        arm,
-        sets.same,
-        arm_same,
-        tuple(differences),
-        detectable(sets, moves),
-        effect,
-        shifts,
-        tuple(noise),
-        tuple(of_stops),
-        _errors(sets),
-        joint.placed,
+        of_time, effects, of_time.sessions, verdict, arm, sets.same, arm_same, tuple(differences),
+        detectable(sets, moves), effect, shifts, tuple(noise), tuple(of_stops), _errors(sets), joint.placed,
         warnings,
-    )
+    )  # fmt: skip
 
 
 def _reversed(d: Difference, last: str) -> Difference:

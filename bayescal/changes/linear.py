@@ -202,20 +202,10 @@ def evidence(joint: Joint) -> Evidence:
         inside = beside[np.ix_(members, members)]
         every.append(Errors(beside[changes_of, members], inside, along[members], variances[label]))
     return Evidence(
-        joint,
-        columns,
-        beside[changes_of, changes_of],
-        along[changes_of],
-        start,
-        follow,
-        tuple(names[k] for k in kept),
-        sizes[kept],
-        centres[kept],
-        np.sqrt(np.bincount(session, scale**2) / np.bincount(session)),
-        noise.share,
-        variances,
-        tuple(every),
-    )
+        joint, columns, beside[changes_of, changes_of], along[changes_of], start, follow,
+        tuple(names[k] for k in kept), sizes[kept], centres[kept],
+        np.sqrt(np.bincount(session, scale**2) / np.bincount(session)), noise.share, variances, tuple(every),
+    )  # fmt: skip
 
 
 def _keys(parameters: Sequence[Parameter]) -> list[tuple[str, str, str, int]]:

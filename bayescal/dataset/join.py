@@ -236,20 +236,11 @@ def joined(sessions: Sequence[Dataset], remounted: bool = False, own_noise: bool
     )
     noise, rows = _stated(sessions)
     return replace(
-        first,
-        name=" + ".join(s.name for s in sessions),
-        tools=tools,
-        noise=noise,
-        targets=targets,
-        certificates=_certificates(sessions),
-        measurements=measurements(sessions, rows, tool_of),
-        temperature_of=temperature_of(sessions),
-        source=None,
-        plan=None,
-        record=Record(),
-        sha256=sha256(" ".join(s.sha256 for s in sessions).encode()).hexdigest(),
-        sessions=tuple(sessions),
-    )
+        first, name=" + ".join(s.name for s in sessions), tools=tools, noise=noise, targets=targets,
+        certificates=_certificates(sessions), measurements=measurements(sessions, rows, tool_of),
+        temperature_of=temperature_of(sessions), source=None, plan=None, record=Record(),
+        sha256=sha256(" ".join(s.sha256 for s in sessions).encode()).hexdigest(), sessions=tuple(sessions),
+    )  # fmt: skip
 
 
 def _named(sessions: Sequence[Dataset]) -> list[Dataset]:

@@ -265,26 +265,14 @@ def read_settings(
         derived, content = session.certificates_of_points(path.parent, file.artefact, targets, certificates)
         contents = (robot_content, content)
     dataset = Dataset(
-        name=file.name,
-        folder=path.parent,
-        robot=arm,
-        robot_reference=file.robot,
-        readings=file.readings,
-        gravity=gravity,
-        tools=tools,
-        noise=Noise(**session.fields_of(file.noise)),
-        targets=targets,
-        certificates=(*certificates, *derived),
-        measurements=no_rows(arm.n),
-        temperature_of=file.temperature_of,
-        torques=file.torques,
-        plan=session.plan_of(document, file, targets, arm),
-        record=session.record_of(file),
-        solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]),
-        source=file.source,
-        unfilled=tuple(document.unfilled),
-        sha256=_digest(document.content, *contents),
-    )
+        name=file.name, folder=path.parent, robot=arm, robot_reference=file.robot, readings=file.readings,
+        gravity=gravity, tools=tools, noise=Noise(**session.fields_of(file.noise)), targets=targets,
+        certificates=(*certificates, *derived), measurements=no_rows(arm.n),
+        temperature_of=file.temperature_of, torques=file.torques,
+        plan=session.plan_of(document, file, targets, arm), record=session.record_of(file),
+        solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]), source=file.source,
+        unfilled=tuple(document.unfilled), sha256=_digest(document.content, *contents),
+    )  # fmt: skip
     return dataset, document, contents
 
 

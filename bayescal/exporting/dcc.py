@@ -108,16 +108,11 @@ def read_entries(path: Path) -> Entries:
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 D_SI = {
-    "m": r"\metre",
-    "rad": r"\radian",
-    "rad/(N m)": r"\radian\newton\tothe{-1}\metre\tothe{-1}",
+    "m": r"\metre", "rad": r"\radian", "rad/(N m)": r"\radian\newton\tothe{-1}\metre\tothe{-1}",
     "rad/(N m)^2": r"\radian\newton\tothe{-2}\metre\tothe{-2}",
-    "m/(N m)": r"\metre\newton\tothe{-1}\metre\tothe{-1}",
-    "kg": r"\kilogram",
-    "kg m": r"\kilogram\metre",
-    "s": r"\second",
-    "1": r"\one",
-}
+    "m/(N m)": r"\metre\newton\tothe{-1}\metre\tothe{-1}", "kg": r"\kilogram", "kg m": r"\kilogram\metre",
+    "s": r"\second", "1": r"\one",
+}  # fmt: skip
 """Units of the D-SI by those in memory."""
 register_namespace("dcc", DCC)
 register_namespace("si", SI)

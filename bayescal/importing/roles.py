@@ -182,19 +182,12 @@ def measurements(
     return Measurements(
         ids=tuple(map(str, text("id", [f"r{i}" for i in columns.line]))),
         role=text("role", np.full(count, "calibrate")),
-        target=_index(columns, "target", _sought(columns, targets)),
-        tool=tool,
-        readings=joints,
-        line=np.arange(2, count + 2),
-        velocity=columns.block(_joints(n, "_velocity")),
-        xyz=points(columns),
-        rpy=measured(columns),
-        stop=stop,
-        command=columns.block(_joints(n, "_command")),
-        torque=columns.block(_joints(n, "_torque")),
-        repeat=text("repeat"),
+        target=_index(columns, "target", _sought(columns, targets)), tool=tool, readings=joints,
+        line=np.arange(2, count + 2), velocity=columns.block(_joints(n, "_velocity")), xyz=points(columns),
+        rpy=measured(columns), stop=stop, command=columns.block(_joints(n, "_command")),
+        torque=columns.block(_joints(n, "_torque")), repeat=text("repeat"),
         **{key: columns.cells.get(key) for key in SINGLE},
-    )
+    )  # fmt: skip
 
 
 def _joints(n: int, suffix: str = "") -> list[str]:

@@ -171,18 +171,9 @@ JOINTS = 6
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 UNITS = {
-    "mmps": "mm/s",
-    "degps": "deg/s",
-    "n": "N",
-    "um_per_n": "µm/N",
-    "nm": "N m",
-    "mps2": "m/s²",
-    "c": "°C",
-    "degc": "°C",
-    "rad_per_nm": "rad/(N m)",
-    "nms_per_rad": "N m s/rad",
-    "kgm2": "kg m2",
-}
+    "mmps": "mm/s", "degps": "deg/s", "n": "N", "um_per_n": "µm/N", "nm": "N m", "mps2": "m/s²", "c": "°C",
+    "degc": "°C", "rad_per_nm": "rad/(N m)", "nms_per_rad": "N m s/rad", "kgm2": "kg m2",
+}  # fmt: skip
 """Units of keys that are not written as in the key."""
 
 MODELS: dict[str, Callable[[], type[Keys]]] = {

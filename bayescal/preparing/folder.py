@@ -276,14 +276,11 @@ def start(
     builtin = described and reference in builtin_robots()
     room = Room.of(arm)
     draft = Draft(
-        name=name or folder.resolve().name,
-        robot=reference if builtin else ROBOT,
+        name=name or folder.resolve().name, robot=reference if builtin else ROBOT,
         units=arm.units if described else ("deg",) * JOINTS,
-        outlines={each: ARTEFACTS[each].outline(room) for each in artefacts},
-        tool_centre=tool,
-        example=Sizes.of(arm).tool,
-        placed=described,
-    )
+        outlines={each: ARTEFACTS[each].outline(room) for each in artefacts}, tool_centre=tool,
+        example=Sizes.of(arm).tool, placed=described,
+    )  # fmt: skip
     columns, chosen = columns_of(draft), [ARTEFACTS[each] for each in artefacts]
     practice = "" if arm.masses is not None else " --effects geometry"  # without masses nothing bends
     context = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE, "practice": practice}

@@ -91,13 +91,10 @@ def _planned(setup: Setup, options: Options) -> Dataset:
     count = len(order)
     role = np.where(np.arange(count) < len(fitted), "calibrate", "validate")
     table = replace(
-        m,
-        ids=tuple(f"c{k:04d}" for k in range(count)),
-        role=role,
-        line=np.arange(count) + 2,
+        m, ids=tuple(f"c{k:04d}" for k in range(count)), role=role, line=np.arange(count) + 2,
         time=np.round(PACE * np.arange(count) + rng.uniform(0, PACE / 2, count), 2),
         repeat=np.array([*repeat, *[""] * (count - len(fitted))]),
-    )
+    )  # fmt: skip
     source = f"simulated (bayescal simulate --setup, seed {options.seed}); its ground truth is in truth.json"
     return replace(pool.session, name=options.name, measurements=table, source=source)
 

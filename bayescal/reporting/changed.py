@@ -57,7 +57,7 @@ def changed_record(result: Changed) -> Json:
         "warnings": result.warnings,
     }
     record["words"] = words(record)
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _item(x: Difference) -> dict[str, Any]:

@@ -112,7 +112,7 @@ def fleet_record(
         "models": [_model(m, files.get(k)) for k, m in enumerate(models)],
         "sessions": list(sessions),
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _arms(sessions: Sequence[Json], models: Sequence[Model]) -> list[dict[str, Any]]:

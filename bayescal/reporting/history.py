@@ -50,7 +50,7 @@ def history_record(result: History) -> Json:
         "notes": result.notes,
     }
     record["words"] = words(record)
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _limit(limit: Limit) -> dict[str, Any]:

@@ -216,7 +216,7 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
         "residual_um": np.round(UM * residual, DIGITS),
         "rejected": np.isin(np.arange(count), estimate.rejected),
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _signs(velocity: np.ndarray) -> list[str]:

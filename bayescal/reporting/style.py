@@ -35,27 +35,14 @@ LARGER = 1.5
 DPI = 200
 
 _SETTINGS: dict[str, Any] = {
-    "font.size": SIZE,
-    "text.color": INK,
+    "font.size": SIZE, "text.color": INK,
     "text.parse_math": False,  # names from files may contain $
-    "axes.edgecolor": GREY,
-    "axes.labelcolor": INK,
-    "axes.labelsize": SIZE,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.unicode_minus": True,
-    "axes.formatter.useoffset": False,
-    "axes.formatter.limits": (-6, 7),
-    "grid.color": FAINT,
-    "grid.linewidth": 0.4,
-    "legend.fontsize": SIZE,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "lines.solid_capstyle": "butt",
-    "lines.markersize": 3.5,
-}
+    "axes.edgecolor": GREY, "axes.labelcolor": INK, "axes.labelsize": SIZE, "axes.linewidth": 0.6,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True, "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False, "axes.formatter.limits": (-6, 7), "grid.color": FAINT,
+    "grid.linewidth": 0.4, "legend.fontsize": SIZE, "legend.frameon": False, "lines.linewidth": 1.2,
+    "lines.solid_capstyle": "butt", "lines.markersize": 3.5,
+}  # fmt: skip
 TICK = {"labelsize": SIZE, "length": 2.5, "width": 0.6, "pad": 2.0, "color": GREY, "labelcolor": INK}
 """Parameters of the ticks of axes."""
 

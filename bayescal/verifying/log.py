@@ -300,16 +300,11 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         viscous = np.abs(model.dof_damping - fitted.viscous) * np.max(np.abs(s.dq), axis=0)
         differences.append(bodies + (np.abs(model.dof_frictionloss - fitted.coulomb) + viscous))
     return LogVerification(
-        name=log.name,
-        joints=log.mechanism.joint_names,
-        path=path,
-        software=f"MuJoCo {simulator.__version__}",
-        difference=np.max(differences, axis=0),
-        nominal=rms(before),
-        fitted=rms(after),
-        rows=sum(map(len, after)),
+        name=log.name, joints=log.mechanism.joint_names, path=path,
+        software=f"MuJoCo {simulator.__version__}", difference=np.max(differences, axis=0),
+        nominal=rms(before), fitted=rms(after), rows=sum(map(len, after)),
         tracking=replayed(simulator, log, parts, _arms(estimate, fitted, values, text)),
-    )
+    )  # fmt: skip
 
 
 def _arms(estimate: Estimate, fitted: Mechanism, values: Mapping[str, float], text: str) -> dict[str, Arm]:

@@ -176,13 +176,7 @@ def _place(p: Parameter, joints: Sequence[str], bodies: Sequence[str]) -> tuple[
 
 
 MJCF = Format(
-    ".xml",
-    write,
-    holds,
-    "MuJoCo has no such element",
-    readings=("plain", "script"),
-    into=True,
-    prismatic=True,
-    two_arms=("plain",),
-)
+    ".xml", write, holds, "MuJoCo has no such element", readings=("plain", "script"), into=True,
+    prismatic=True, two_arms=("plain",),
+)  # fmt: skip
 """The whole arm, for MuJoCo 4: geometry, springs, errors of the readings, lost motion."""

@@ -139,15 +139,9 @@ def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before:
     content = Content(arm, options.state)
     law = law_of(content)
     return Scene(
-        path.name,
-        root,
-        spec,
-        model,
-        in_file,
-        content,
-        bare(law) if options.readings == "script" else law,
+        path.name, root, spec, model, in_file, content, bare(law) if options.readings == "script" else law,
         dict(zip(robot.joint_names, in_file.file.names, strict=True)),
-    )
+    )  # fmt: skip
 
 
 def _upright(where: Match, theirs: np.ndarray, ours: np.ndarray) -> Match:

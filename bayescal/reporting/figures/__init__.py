@@ -91,12 +91,10 @@ def _start() -> subprocess.Popen[bytes]:
     """The process: it imports from the same folders as this one, and says nothing on a terminal."""
     code = f"from {__name__} import answer; answer()"
     return subprocess.Popen(
-        [sys.executable, "-P", "-c", code],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
+        [sys.executable, "-P", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-    )
+    )  # fmt: skip
 
 
 def answer() -> None:

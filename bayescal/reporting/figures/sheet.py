@@ -224,16 +224,11 @@ def _surrounded(cell: Any, panel: Panel, room: float) -> Any:
         key, columns = _columns(panel, room)
         legend = cell.legend(
             handles=[_handle(e, text) for e, text in zip(panel.key, key, strict=True)],
-            loc="outside upper left",
-            ncols=columns,
-            borderpad=0,
-            handlelength=(HANDLE - 2.0) / (SIZE * MM_PER_PT),
-            handletextpad=0.4,
-            columnspacing=COLUMN / (SIZE * MM_PER_PT),
-            labelspacing=0.2,
-            title=title or None,
+            loc="outside upper left", ncols=columns, borderpad=0,
+            handlelength=(HANDLE - 2.0) / (SIZE * MM_PER_PT), handletextpad=0.4,
+            columnspacing=COLUMN / (SIZE * MM_PER_PT), labelspacing=0.2, title=title or None,
             alignment="left",
-        )
+        )  # fmt: skip
         legend.get_title().set(**strong)
     elif title:
         cell.suptitle(title, x=0.0, ha="left", **strong)

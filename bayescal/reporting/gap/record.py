@@ -122,7 +122,7 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
                 "residual_before_um": before["residual_um"],
                 "rejected_before": before["rejected"],
             }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _effects(verdict: result.Verdict) -> list[str]:

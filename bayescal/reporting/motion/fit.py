@@ -70,7 +70,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         "words": (words := doubts(fit)),
         "warnings": [*words, *fit.limits, *_warnings_of(fit)],
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def doubts(fit: MotionFit) -> list[str]:
@@ -172,7 +172,7 @@ def together_record(result: Together) -> dict[str, Any]:
         "fits_of_session": result.rounds,
         "warnings": _warnings(result, p),
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _with_u(value: tuple[float, float]) -> Json:
@@ -298,7 +298,7 @@ def plan_record(plan: MotionPlan) -> dict[str, Any]:
         "left_out": list(plan.left_out),
         "warnings": list(b.assumed),
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def files_of(plan: MotionPlan) -> dict[str, str]:

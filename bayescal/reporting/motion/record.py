@@ -120,7 +120,7 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         "torque_shift_ms": 1e3 * (log.alignment + gap.arm.values.get("alignment", 0.0)),
         "warnings": gap.warnings,
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def controller(log: Log) -> dict[str, Any]:

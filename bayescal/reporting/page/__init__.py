@@ -317,16 +317,9 @@ def page(
     shown = [section for section in sections if section is not None]
     bodies = [(s, Markup(TEMPLATES.get_template(s.template).render(s.context))) for s in shown]
     return TEMPLATES.get_template("base.html.j2").render(
-        generator=Markup(GENERATOR),
-        title=title,
-        subtitle=subtitle,
-        headers=headers,
-        bodies=bodies,
-        foot=foot,
-        style=Markup(asset("page.css")),
+        generator=Markup(GENERATOR), title=title, subtitle=subtitle, headers=headers, bodies=bodies,
+        foot=foot, style=Markup(asset("page.css")),
         policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {allowed}; "
         "base-uri 'none'; form-action 'none'",
-        data=None if data is None else script_json(data),
-        script=Markup(script),
-        packed=packed,
-    )
+        data=None if data is None else script_json(data), script=Markup(script), packed=packed,
+    )  # fmt: skip

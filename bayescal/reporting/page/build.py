@@ -30,14 +30,9 @@ from bayescal.storage.locks import scratch
 from bayescal.storage.reading import Json
 
 BROWSERS = (
-    "chromium",
-    "chromium-browser",
-    "google-chrome",
-    "google-chrome-stable",
-    "chrome",
-    "microsoft-edge",
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge",
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
-)
+)  # fmt: skip
 """Names and places of browsers that print without a window, in the order of preference."""
 SECONDS = 120
 MARK = b"\n%bayescal page\n"
@@ -78,18 +73,11 @@ def pdf_of(page: str) -> bytes:
         source, made = folder / "page.html", folder / "page.pdf"
         source.write_text(page, encoding="utf-8")
         command = [
-            program,
-            "--headless",
-            "--disable-gpu",
-            "--no-first-run",
-            "--disable-extensions",
-            "--disable-background-networking",
-            "--host-resolver-rules=MAP * ~NOTFOUND",
-            f"--user-data-dir={folder}/profile",
-            "--no-pdf-header-footer",
-            f"--print-to-pdf={made}",
+            program, "--headless", "--disable-gpu", "--no-first-run", "--disable-extensions",
+            "--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={folder}/profile", "--no-pdf-header-footer", f"--print-to-pdf={made}",
             source.as_uri(),
-        ]
+        ]  # fmt: skip
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             command.insert(1, "--no-sandbox")  # Chromium refuses its sandbox to root
         try:

@@ -43,17 +43,12 @@ def first(run: page.Run) -> page.Section:
         faults.append(page.Fault(c["words"], () if c["p"] is None else (("p", text.p_value(c["p"])),)))
     warnings, notes = _warnings(record)
     return page.FirstScreen(
-        verdict["words"][:1].upper() + verdict["words"][1:],
-        tone,
+        verdict["words"][:1].upper() + verdict["words"][1:], tone,
         {"good": "✓", "warn": "?", "bad": "✗"}[tone],
         [_why(run)] if not good else ["Not to be used, for the reasons below."] if against else (),
-        keys=[*_keys(record), *images_keys(record)],
-        fault_title="What is wrong",
-        faults=faults,
-        next=_next(run),
-        warnings=warnings,
-        notes=notes,
-    ).section()
+        keys=[*_keys(record), *images_keys(record)], fault_title="What is wrong", faults=faults,
+        next=_next(run), warnings=warnings, notes=notes,
+    ).section()  # fmt: skip
 
 
 def _warnings(record: Json) -> tuple[list[str], list[str]]:
@@ -269,18 +264,8 @@ def outliers(run: page.Run) -> page.Section | None:
 
 
 SECTIONS: tuple[Callable[[page.Run], page.Section | None], ...] = (
-    first,
-    common.scene,
-    lambda run: common.residuals(run, sheets.by_target(run.record["residuals"])),
-    distances,
-    levels,
-    iso9283,
-    common.budget,
-    parameters,
-    correlations,
-    sampler,
-    outliers,
-    common.figures,
+    first, common.scene, lambda run: common.residuals(run, sheets.by_target(run.record["residuals"])),
+    distances, levels, iso9283, common.budget, parameters, correlations, sampler, outliers, common.figures,
     common.inputs,
-)
+)  # fmt: skip
 """Sections of report.html, in their order."""

@@ -53,19 +53,10 @@ def first(run: Run) -> Section:
     tone, sign, word = verdict_of(record)
     sites = [s for s in marked_sites(run) if s.kind in DRAWN]
     return FirstScreen(
-        word,
-        tone,
-        sign,
-        _lines(word, record["words"]),
-        LINES,
-        [*_keys(record), *images_keys(record)],
-        "What is wrong, and what to look at",
-        faults(record),
-        draw_arm(run) if sites else None,
-        "Marked: " + ", ".join(s.text for s in sites),
-        _next(run),
-        record["warnings"],
-    ).section()
+        word, tone, sign, _lines(word, record["words"]), LINES, [*_keys(record), *images_keys(record)],
+        "What is wrong, and what to look at", faults(record), draw_arm(run) if sites else None,
+        "Marked: " + ", ".join(s.text for s in sites), _next(run), record["warnings"],
+    ).section()  # fmt: skip
 
 
 def _lines(word: str, words: Sequence[str]) -> list[str]:
@@ -245,15 +236,8 @@ def advice(run: Run) -> Section | None:
 
 
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
-    first,
-    effects,
-    lambda run: blocks("where", "Location of the error", sheets.where_sheet(run.record)),
-    common.scene,
-    lambda run: common.residuals(run, *sheets.margin_sheets(run.record)),
-    levels,
-    common.budget,
-    lambda run: blocks("blind", "Blind spots", sheets.blind_sheet(run.record)),
-    advice,
-    common.inputs,
-)
+    first, effects, lambda run: blocks("where", "Location of the error", sheets.where_sheet(run.record)),
+    common.scene, lambda run: common.residuals(run, *sheets.margin_sheets(run.record)), levels, common.budget,
+    lambda run: blocks("blind", "Blind spots", sheets.blind_sheet(run.record)), advice, common.inputs,
+)  # fmt: skip
 """Sections of gap.html, in their order."""

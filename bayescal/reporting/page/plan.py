@@ -111,7 +111,7 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         **entry(plan, "travel_s=travel", "seconds", "warnings"),
         "commands": dict(commands or {}),
     }
-    return {key: plain(value) for key, value in record.items()}
+    return plain(record)
 
 
 def _curve(points: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
