@@ -132,12 +132,9 @@ class _Figure:
 
 
 def acceptance(
-    unexplained: Unexplained,
-    checked: Validation,
-    causes: Sequence[SharedCause] = (),
-    rejected: float = 0.0,
+    unexplained: Unexplained, checked: Validation, causes: Sequence[SharedCause] = (), rejected: float = 0.0,
     dataset: Dataset | None = None,
-) -> Acceptance:
+) -> Acceptance:  # fmt: skip
     """Test a fit.
 
     Parameters

@@ -214,12 +214,9 @@ def shared_causes(fitted: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
 
 
 def shared(
-    groups: Sequence[Group],
-    rows: np.ndarray,
-    rejected: np.ndarray,
-    seed: int = 0,
+    groups: Sequence[Group], rows: np.ndarray, rejected: np.ndarray, seed: int = 0,
     stops: np.ndarray | None = None,
-) -> tuple[SharedCause, ...]:
+) -> tuple[SharedCause, ...]:  # fmt: skip
     """Test of rejected measurements against groups of rows.
 
     Parameters

@@ -207,12 +207,9 @@ def _listed(parameters: tuple[str, ...], combinations: int) -> str:
 
 
 def _described(
-    session: Conditions,
-    identifiability: Identifiability,
-    state: State,
-    changes: tuple[str, ...],
+    session: Conditions, identifiability: Identifiability, state: State, changes: tuple[str, ...],
     v: np.ndarray,
-) -> Undetermined:
+) -> Undetermined:  # fmt: skip
     """Directions (P, K) with a common cause, in words."""
     names = [p.name for p in identifiability.parameters]
     shown = np.max(np.abs(v), axis=1) > SHOWN

@@ -90,14 +90,9 @@ class Changed:
 
 
 def changed(
-    sessions: Sequence[Dataset],
-    effects: tuple[str, ...],
-    *,
-    remounted: bool = False,
-    robust: bool = True,
-    targets: Sequence[Target] = (),
-    progress: Progress = silent,
-) -> Changed:
+    sessions: Sequence[Dataset], effects: tuple[str, ...], *, remounted: bool = False, robust: bool = True,
+    targets: Sequence[Target] = (), progress: Progress = silent,
+) -> Changed:  # fmt: skip
     """What changed between sessions of one arm.
 
     Parameters

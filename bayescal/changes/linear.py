@@ -248,16 +248,9 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 def _variances(
-    j: np.ndarray,
-    g: np.ndarray,
-    e: np.ndarray,
-    group: np.ndarray,
-    session: np.ndarray,
-    prior: np.ndarray,
-    pull: np.ndarray,
-    labels: np.ndarray,
-    stops: Stops,
-) -> tuple[Covariance, dict[str, float]]:
+    j: np.ndarray, g: np.ndarray, e: np.ndarray, group: np.ndarray, session: np.ndarray, prior: np.ndarray,
+    pull: np.ndarray, labels: np.ndarray, stops: Stops,
+) -> tuple[Covariance, dict[str, float]]:  # fmt: skip
     """Covariance of the residuals, and variance of each family, that maximise the evidence.
 
     `group` (R,) is that of each residual, each with a noise scale, `session` the session of each group. The

@@ -188,12 +188,9 @@ def _softened(e: Evidence, w: Weighed, leader: Weighed) -> Weighed:
 
 
 def _extended(
-    e: Evidence,
-    w: Weighed,
-    every: Sequence[Member],
-    prior: Mapping[Member, float],
+    e: Evidence, w: Weighed, every: Sequence[Member], prior: Mapping[Member, float],
     select: Mapping[Member, np.ndarray],
-) -> Iterator[Weighed]:
+) -> Iterator[Weighed]:  # fmt: skip
     """A set with one more member, for every one that it may have."""
     by = [select[m] * s for m, s in zip(w.members, w.scales, strict=True)]
     g, s, _ = integrated(e.information, e.score, np.column_stack([np.zeros((len(e.columns), 0)), *by]))

@@ -356,14 +356,9 @@ def _misplaced(contacts: Contacts, away: np.ndarray, document: Document) -> Baye
 
 
 def _impossible(
-    target: Target,
-    away: np.ndarray,
-    limit: np.ndarray,
-    part: np.ndarray,
-    table: Table,
-    document: Document,
+    target: Target, away: np.ndarray, limit: np.ndarray, part: np.ndarray, table: Table, document: Document,
     explain: Callable[[np.ndarray, np.ndarray], tuple[str, bool, str]],
-) -> BayescalError | None:
+) -> BayescalError | None:  # fmt: skip
     """A row that disagrees with most of its target's rows, or a target on which none agree.
 
     `explain`: as `image_changes.impossible`, of the rows that disagree and how far, m, the largest first.

@@ -45,24 +45,14 @@ Pair = tuple[Positive, Positive]
 Coefficients = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
 BoardText = Annotated[str, AfterValidator(_a_board)]
 CAMERA = {
-    "mount": Literal["fixed", "flange"],
-    "xyz_mm": Vector,
-    "rpy_deg": Vector,
-    "lens": Literal["pinhole", "fisheye"],
-    "size_px": Pair,
-    "fx_px": Positive,
-    "fy_px": Positive,
-    "cx_px": Number,
-    "cy_px": Number,
-    "distortion": Coefficients,
-    "u_focal_px": NotNegative,
+    "mount": Literal["fixed", "flange"], "xyz_mm": Vector, "rpy_deg": Vector,
+    "lens": Literal["pinhole", "fisheye"], "size_px": Pair, "fx_px": Positive, "fy_px": Positive,
+    "cx_px": Number, "cy_px": Number, "distortion": Coefficients, "u_focal_px": NotNegative,
     "u_centre_px": NotNegative,
-    "u_distortion": Annotated[tuple[NotNegative, ...], Field(min_length=4, max_length=5)],
-    "board": BoardText,
-    "points_mm": Annotated[tuple[Vector, ...], Field(min_length=4)],
-    "u_scale": NotNegative,
+    "u_distortion": Annotated[tuple[NotNegative, ...], Field(min_length=4, max_length=5)], "board": BoardText,
+    "points_mm": Annotated[tuple[Vector, ...], Field(min_length=4)], "u_scale": NotNegative,
     "u_flatness_mm": NotNegative,
-}
+}  # fmt: skip
 """Keys of a camera."""
 
 

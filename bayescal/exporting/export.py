@@ -89,27 +89,19 @@ class Exported:
         arm, dataset, state = self.arm, self.arm.dataset, self.options.state
         m = dataset.measurements
         return {
-            "schema": SCHEMA,
-            "format": self.format,
-            "file": name,
-            "sha256": digest(self.written.content),
+            "schema": SCHEMA, "format": self.format, "file": name, "sha256": digest(self.written.content),
             "beside": {p.name: digest(text) for p, text in self._beside(Path(name)).items()},
-            "dataset": {"name": dataset.name, "sha256": dataset.sha256},
-            "robot": dataset.robot.name,
-            "model": list(arm.effects),
-            "without": list(arm.origin.options.omitted),
+            "dataset": {"name": dataset.name, "sha256": dataset.sha256}, "robot": dataset.robot.name,
+            "model": list(arm.effects), "without": list(arm.origin.options.omitted),
             "state": {"row": m.ids[state], **({} if m.time is None else {"time_s": float(m.time[state])})},
             "written": [vars(item) for item in self.written.items],
             "not_expressed": [
                 {"effect": m.effect, "why": m.why, **_sizes(m), "parameters": list(m.parameters)}
                 for m in self.missing
             ],
-            "remaining": _sizes(self.total),
-            "tools": _tools(arm, self.written.details),
-            **self.written.details,
-            "use": arm.use.record(),
-            "notes": list(self.notes),
-        }
+            "remaining": _sizes(self.total), "tools": _tools(arm, self.written.details),
+            **self.written.details, "use": arm.use.record(), "notes": list(self.notes),
+        }  # fmt: skip
 
     def save(self, path: Path) -> tuple[Path, ...]:
         """Write the file, those beside it and the sidecar; an earlier export of that name is replaced.
@@ -130,16 +122,9 @@ class Exported:
 
 
 def export(
-    arm: FittedArm,
-    to: str,
-    *,
-    into: str = "",
-    readings: str = "plain",
-    time: float | None = None,
-    row: str | int | None = None,
-    force: bool = False,
-    name: str = "arm",
-) -> Exported:
+    arm: FittedArm, to: str, *, into: str = "", readings: str = "plain", time: float | None = None,
+    row: str | int | None = None, force: bool = False, name: str = "arm",
+) -> Exported:  # fmt: skip
     """Convert a fitted arm to a format.
 
     Parameters

@@ -100,17 +100,13 @@ class LogExport:
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
         return {
-            "schema": SCHEMA,
-            "format": self.format,
-            **self.origin,
+            "schema": SCHEMA, "format": self.format, **self.origin,
             "not_expressed": [
                 {"part": words, "unit": unit, "of_joints": list(sizes), "mrad": self.mrad(unit, sizes)}
                 for words, unit, sizes in self.left_out
             ],
-            "file": name,
-            "sha256": digest(self.content),
-            "beside": {},
-        }
+            "file": name, "sha256": digest(self.content), "beside": {},
+        }  # fmt: skip
 
     def save(self, path: Path) -> tuple[Path, ...]:
         """Write the file and its sidecar in place of an earlier export; return their paths.

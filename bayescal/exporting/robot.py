@@ -208,14 +208,10 @@ def _write_table(arm: FittedArm, options: Options) -> Written:
         for (place, key, unit, value), u_of_value in zip(quantities(robot), u, strict=True)
     ]
     record = {
-        "schema": SCHEMA,
-        "robot": arm.dataset.robot.name,
-        "convention": robot.convention,
-        "link_from_reading": robot.link_from_reading.tolist(),
-        "flange_in_last_row": robot.flange.tolist(),
-        "values": values,
-        "covariance": covariance.tolist(),
-    }
+        "schema": SCHEMA, "robot": arm.dataset.robot.name, "convention": robot.convention,
+        "link_from_reading": robot.link_from_reading.tolist(), "flange_in_last_row": robot.flange.tolist(),
+        "values": values, "covariance": covariance.tolist(),
+    }  # fmt: skip
     return Written(
         _csv(robot, {(v["place"], v["quantity"]): (v["value"], v["u"]) for v in values}),
         robot_items(arm),

@@ -271,29 +271,20 @@ def convert_motions(request: Request) -> MotionDraft:
     u_clock = float(f"{1e3 * step * (1.0 if two else 0.5):.3g}")
     side = "joint" if torque.get("kind") == "sensor" else "motor"
     settings: dict[str, Any] = {
-        "schema": SCHEMA,
-        "name": request.name or request.log.stem,
-        "robot": arm.entry,
-        **arm.settings,
-        "rate_hz": round(1 / step, 3),
-        "torque": torque,
-        "position": {"side": side},
+        "schema": SCHEMA, "name": request.name or request.log.stem, "robot": arm.entry, **arm.settings,
+        "rate_hz": round(1 / step, 3), "torque": torque, "position": {"side": side},
         "controller": {"kind": "torque" if torque else "position"},
         "clock": {"kind": "index" if "frame" in clocks else "stamps", "u_alignment_ms": u_clock},
         "motions": [_motion(rows, k, role[k], same[k]) for k in range(len(rows.ids))],
-    }
+    }  # fmt: skip
     notes = (
-        *arm.notes,
-        *notes,
-        words,
-        f"repeats of one trajectory: {'; '.join(again)}" if again else "no motion repeats another",
-        *said,
-        *more,
-        f"positions are of the {side} side of the gears (assumed)",
+        *arm.notes, *notes, words,
+        f"repeats of one trajectory: {'; '.join(again)}" if again else "no motion repeats another", *said,
+        *more, f"positions are of the {side} side of the gears (assumed)",
         f"torque and position of a row are of one time within {u_clock:g} ms (u, assumed: "
         f"{'one step' if two else 'half a step'})",
         *([] if "gravity_mps2" in settings else ["gravity acts along -z of the base (assumed)"]),
-    )
+    )  # fmt: skip
     columns = _columns(rows, role)
     wrong = contradiction(rows, arm.coupling, arm.limits)
     wrong = wrong or next((r.wrong for r in records if r.wrong), "")

@@ -105,14 +105,10 @@ def _counted(clock: str, per_second: float = 1.0) -> Stamp:
 
 
 STAMPS: dict[str, Stamp] = {
-    **{kind: _dated(kind) for kind in DATES},
-    "clock": _of_day,
-    "counter_s": _counted("counter"),
-    "epoch_s": _counted("UTC"),
-    "epoch_ms": _counted("UTC", 1e3),
-    "epoch_us": _counted("UTC", 1e6),
+    **{kind: _dated(kind) for kind in DATES}, "clock": _of_day, "counter_s": _counted("counter"),
+    "epoch_s": _counted("UTC"), "epoch_ms": _counted("UTC", 1e3), "epoch_us": _counted("UTC", 1e6),
     "epoch_ns": _counted("UTC", 1e9),
-}
+}  # fmt: skip
 """Kinds of time stamps by the word that states them."""
 COUNTED = tuple(kind for kind in STAMPS if kind.startswith(("epoch", "counter")))
 """Those that are numbers."""
@@ -127,16 +123,11 @@ DIMENSIONS = {
 """What each quantity measures."""
 
 OF_JOINTS = {
-    "": ("angle", "position"),
-    "_velocity": ("rate", "velocity"),
-    "_command": ("angle", "command"),
-    "_link": ("angle", "link"),
-    "_torque": ("torque", "torque"),
-    "_current": ("current", "current"),
-    "_target_torque": ("torque", "target_torque"),
-    "_target_current": ("current", "target_current"),
+    "": ("angle", "position"), "_velocity": ("rate", "velocity"), "_command": ("angle", "command"),
+    "_link": ("angle", "link"), "_torque": ("torque", "torque"), "_current": ("current", "current"),
+    "_target_torque": ("torque", "target_torque"), "_target_current": ("current", "target_current"),
     "_temperature": ("temperature", "temperatures"),
-}
+}  # fmt: skip
 """Of a joint, ``j1``, ``j1_velocity`` and so on: what is measured, and its name in joint logs."""
 
 OF_CONTACTS = ("", "_velocity", "_command", "_torque")

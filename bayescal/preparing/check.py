@@ -277,15 +277,11 @@ def check_record(of: Check) -> dict[str, Any]:
         for k, t in enumerate(d.targets)
     ]
     return {
-        "schema": "bayescal-check/1",
-        "dataset": d.name,
-        "sha256": d.sha256,
+        "schema": "bayescal-check/1", "dataset": d.name, "sha256": d.sha256,
         "robot": {"name": d.robot.name, "joints": d.robot.n, "masses": d.robot.masses is not None}
         | ({"two_arms": d.robot.two_arms} if d.robot.ground else {}),
-        "readings": d.readings,
-        "rows": {"total": len(m.ids), **_counts(m.role)},
-        "tools": {d.tools[int(k)].name: n for k, n in _counts(m.tool).items()},
-        "targets": targets,
+        "readings": d.readings, "rows": {"total": len(m.ids), **_counts(m.role)},
+        "tools": {d.tools[int(k)].name: n for k, n in _counts(m.tool).items()}, "targets": targets,
         "certificates": [_certificate(c) for c in d.certificates if not c.derived],
         "noise": {
             "contact_mm": _scaled(d.noise.contact, 1e3),
@@ -295,21 +291,15 @@ def check_record(of: Check) -> dict[str, Any]:
             "orientation_deg": _scaled(d.noise.orientation, np.degrees(1.0)),
             "pixel_px": d.noise.pixel,
         },
-        "repeats": _groups(m.repeat),
-        "stops": _groups(m.stop),
+        "repeats": _groups(m.repeat), "stops": _groups(m.stop),
         "duration_s": None if m.time is None else float(np.ptp(m.time)),
         "payloads_kg": [] if m.payload is None else sorted({float(p) for p in m.payload}),
-        "velocities": m.velocity is not None,
-        "temperatures": m.temperature is not None,
-        "temperature_of": d.temperature_of if m.temperature is not None else None,
-        "model": list(of.modelled),
-        "unknowns": of.unknowns,
-        "values": of.values,
-        "assessed": list(of.assessed),
-        "not_assessed": of.not_assessed,
-        "not_shown": list(of.hidden),
+        "velocities": m.velocity is not None, "temperatures": m.temperature is not None,
+        "temperature_of": d.temperature_of if m.temperature is not None else None, "model": list(of.modelled),
+        "unknowns": of.unknowns, "values": of.values, "assessed": list(of.assessed),
+        "not_assessed": of.not_assessed, "not_shown": list(of.hidden),
         "findings": [vars(f) for f in of.findings],
-    }
+    }  # fmt: skip
 
 
 def _certificate(c: Certificate) -> dict[str, Any]:

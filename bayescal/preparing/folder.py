@@ -119,17 +119,13 @@ def settings_text(draft: Draft) -> str:
     stated = {name: o.certificates for name, o in draft.outlines.items() if o.certificates}
     kinds = dict.fromkeys(KINDS[t.kind] for t in draft.targets)
     return rendered(
-        "dataset.yaml.j2",
-        draft=draft,
-        models=schema,
+        "dataset.yaml.j2", draft=draft, models=schema,
         tools={name: _tool(draft, name) for name in draft.tools},
         stated_noise=[NOISE[noise] for noise in dict.fromkeys(kind.noise for kind in kinds)],
-        kinds={kind: schema.entry_of(kind).model_fields for kind in kinds},
-        targets=_targets(draft),
+        kinds={kind: schema.entry_of(kind).model_fields for kind in kinds}, targets=_targets(draft),
         certified={c.kind: schema.CERTIFICATES[c.kind] for each in stated.values() for c in each},
-        certificates=_certificates(stated),
-        regions=[*block_lines(plan)],
-    )
+        certificates=_certificates(stated), regions=[*block_lines(plan)],
+    )  # fmt: skip
 
 
 def _tool(draft: Draft, name: str) -> dict[str, str]:
@@ -232,13 +228,9 @@ STAND_IN = "fanuc-lrmate200ic"
 
 
 def start(
-    folder: Path,
-    robot: str,
-    artefacts: Sequence[str],
-    tool: np.ndarray | None = None,
-    name: str = "",
+    folder: Path, robot: str, artefacts: Sequence[str], tool: np.ndarray | None = None, name: str = "",
     arm: Robot | None = None,
-) -> tuple[str, ...]:
+) -> tuple[str, ...]:  # fmt: skip
     """Write the set-up of a new session atomically, and return the names of its files.
 
     Parameters

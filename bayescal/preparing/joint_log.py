@@ -183,16 +183,12 @@ def _unexcited(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
     varies = f"the temperature varies by {warm:.2g} K: log {joint_findings.WARM:g} K of warm-up"
     steady = varies if warm < STEADY else ""
     return {
-        "inertia": moved,
-        "armature": moved,
-        "asymmetric-friction": moved,
+        "inertia": moved, "armature": moved, "asymmetric-friction": moved,
         "stribeck": "" if any(j.slow >= joint_findings.CROSSINGS for j in joints) else few,
-        "load-friction": poses,
-        "torque-constant": constant,
-        "torque-drift": steady,
+        "load-friction": poses, "torque-constant": constant, "torque-drift": steady,
         "viscous-temperature": steady,
         "base-tilt": "" if len(loaded) > 1 else "gravity loads fewer than two joints",
-    }
+    }  # fmt: skip
 
 
 def log_record(of: LogCheck) -> dict[str, Any]:
@@ -205,11 +201,8 @@ def log_record(of: LogCheck) -> dict[str, Any]:
     ]
     stamps, (drift, u_drift) = of.stamps, joint_findings.clock_drift(of.joints)
     return {
-        "schema": "bayescal-motion-check/1",
-        "dataset": log.name,
-        "sha256": log.digest,
-        "robot": {"name": log.mechanism.name, "joints": log.n},
-        "rows": sum(len(m.time) for m in log.motions),
+        "schema": "bayescal-motion-check/1", "dataset": log.name, "sha256": log.digest,
+        "robot": {"name": log.mechanism.name, "joints": log.n}, "rows": sum(len(m.time) for m in log.motions),
         "columns": [name for name in COLUMNS if getattr(log.motions[0], name) is not None],
         "torque": {"kind": log.torque_kind, "signed": log.signed},
         "stamps": {
@@ -219,14 +212,11 @@ def log_record(of: LogCheck) -> dict[str, Any]:
             "gaps": stamps.gaps,
         },
         "clock_drift_us_per_s": {"value": _plain(1e6 * drift), "u": _plain(1e6 * u_drift)},
-        "temperature_range_K": _plain(joint_findings.warm_up(log)),
-        "motions": motions,
-        "joints": [_joint_record(j) for j in of.joints],
-        "assumed": list(log.notes),
-        "assessed": list(of.assessed),
-        "not_assessed": of.not_assessed,
+        "temperature_range_K": _plain(joint_findings.warm_up(log)), "motions": motions,
+        "joints": [_joint_record(j) for j in of.joints], "assumed": list(log.notes),
+        "assessed": list(of.assessed), "not_assessed": of.not_assessed,
         "findings": [vars(f) for f in of.findings],
-    }
+    }  # fmt: skip
 
 
 COLUMNS = ("position", "velocity", "command", "torque", "link", "temperature")

@@ -73,17 +73,10 @@ class LogExportResult(ExportResult):
 
 
 def export(
-    run: FitResult | GapResult | str | PathLike[str],
-    to: str,
-    *,
-    into: str | PathLike[str] = "",
-    with_: Sequence[str] | str = (),
-    without: Sequence[str] | str = (),
-    readings: str = "plain",
-    at_time: float | None = None,
-    at_row: str | None = None,
-    force: bool = False,
-) -> ExportResult:
+    run: FitResult | GapResult | str | PathLike[str], to: str, *, into: str | PathLike[str] = "",
+    with_: Sequence[str] | str = (), without: Sequence[str] | str = (), readings: str = "plain",
+    at_time: float | None = None, at_row: str | None = None, force: bool = False,
+) -> ExportResult:  # fmt: skip
     """Export the arm of a calibration or a diagnosis: robot.yaml, URDF, SDF, ...
 
     Parameters
@@ -208,20 +201,11 @@ class CompensationResult(Printed):
 
 
 def compensate(
-    run: FitResult | GapResult | str | PathLike[str],
-    targets: str | PathLike[str],
-    *,
-    format: str = "",
-    frame: str | None = None,
-    tool: str | None = None,
-    tcp: Sequence[float] | None = None,
-    payload_kg: float = 0.0,
-    with_: Sequence[str] | str = (),
-    without: Sequence[str] | str = (),
-    at_time: float | None = None,
-    at_row: str | None = None,
-    force: bool = False,
-) -> CompensationResult:
+    run: FitResult | GapResult | str | PathLike[str], targets: str | PathLike[str], *, format: str = "",
+    frame: str | None = None, tool: str | None = None, tcp: Sequence[float] | None = None,
+    payload_kg: float = 0.0, with_: Sequence[str] | str = (), without: Sequence[str] | str = (),
+    at_time: float | None = None, at_row: str | None = None, force: bool = False,
+) -> CompensationResult:  # fmt: skip
     """Correct targets or a robot program for all fitted effects of an arm.
 
     Parameters

@@ -84,14 +84,10 @@ class BudgetResult(Printed):
 
 
 def budget(
-    run: FitResult | GapResult | str | PathLike[str],
-    *,
-    distance: Sequence[str] | None = None,
-    parameter: str = "",
-    point: Sequence[float] | None = None,
-    tool: str | None = None,
+    run: FitResult | GapResult | str | PathLike[str], *, distance: Sequence[str] | None = None,
+    parameter: str = "", point: Sequence[float] | None = None, tool: str | None = None,
     payload_kg: float = 0.0,
-) -> BudgetResult:
+) -> BudgetResult:  # fmt: skip
     """Uncertainty budget of a distance, a parameter or a point (JCGM 100).
 
     Without distance, parameter and point: the distance that the fit reports first.
@@ -211,12 +207,9 @@ class CertificateResult(Printed):
 
 
 def certificate(
-    run: FitResult | GapResult | str | PathLike[str],
-    entries: str | PathLike[str],
-    *,
-    schema: str | PathLike[str] = "",
-    force: bool = False,
-) -> CertificateResult:
+    run: FitResult | GapResult | str | PathLike[str], entries: str | PathLike[str], *,
+    schema: str | PathLike[str] = "", force: bool = False,
+) -> CertificateResult:  # fmt: skip
     """A Digital Calibration Certificate (DCC 3.3.0) of a calibration, with the numbers of its budgets.
 
     Parameters

@@ -69,15 +69,9 @@ class ChangedResult(Result):
 
 
 def changed(
-    datasets: Sequence[Source],
-    model: Sequence[str] | str = MODEL,
-    *,
-    at: str | PathLike[str] | None = None,
-    remounted: bool = False,
-    robust: bool = True,
-    allow_xacro: bool = False,
-    progress: Progress = silent,
-) -> ChangedResult:
+    datasets: Sequence[Source], model: Sequence[str] | str = MODEL, *, at: str | PathLike[str] | None = None,
+    remounted: bool = False, robust: bool = True, allow_xacro: bool = False, progress: Progress = silent,
+) -> ChangedResult:  # fmt: skip
     """What changed between sessions of one arm, by how much, and what would have been seen.
 
     Parameters
@@ -154,12 +148,9 @@ class HistoryResult(Result):
 
 
 def history(
-    folder: str | PathLike[str],
-    *,
-    order: Sequence[str] | str = (),
-    limit_mm: float | None = None,
+    folder: str | PathLike[str], *, order: Sequence[str] | str = (), limit_mm: float | None = None,
     progress: Progress = silent,
-) -> HistoryResult:
+) -> HistoryResult:  # fmt: skip
     """The parameters of an arm over its sessions, their trends and steps, and when to calibrate again.
 
     Parameters

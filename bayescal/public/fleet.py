@@ -142,21 +142,11 @@ def _line(error: Exception) -> str:
 
 
 def fleet(
-    sessions: Sequence[str | PathLike[str]],
-    out: str | PathLike[str] = "runs/fleet",
-    model: Sequence[str] | str = MODEL,
-    *,
-    arm: str = "",
-    workers: int | None = None,
-    dask: str | None = None,
-    without: Sequence[str] | str = (),
-    seed: int = 0,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    allow_xacro: bool = False,
-    progress: Progress = silent,
-    say: Callable[[str], None] = lambda text: None,
-) -> FleetResult:
+    sessions: Sequence[str | PathLike[str]], out: str | PathLike[str] = "runs/fleet",
+    model: Sequence[str] | str = MODEL, *, arm: str = "", workers: int | None = None, dask: str | None = None,
+    without: Sequence[str] | str = (), seed: int = 0, robust: bool = True, prior_width: float = 1.0,
+    allow_xacro: bool = False, progress: Progress = silent, say: Callable[[str], None] = lambda text: None,
+) -> FleetResult:  # fmt: skip
     """Fit and diagnose many sessions, compare their arms, and learn the prior of a further arm.
 
     A session that cannot be fitted does not stop the others. A second call with the same folder computes what

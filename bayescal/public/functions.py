@@ -62,22 +62,12 @@ def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Data
 
 
 def fit(
-    dataset: Source | Sequence[Source],
-    model: Sequence[str] | str = (),
-    samples: int = 5000,
-    seed: int = 0,
-    *,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    latent_joints: bool = False,
-    remounted: bool = False,
-    tolerance_mm: float | None = None,
-    without: Sequence[str] | str = (),
-    allow_xacro: bool = False,
-    progress: Progress = silent,
-    checkpoint: str | PathLike[str] | None = None,
+    dataset: Source | Sequence[Source], model: Sequence[str] | str = (), samples: int = 5000, seed: int = 0,
+    *, robust: bool = True, prior_width: float = 1.0, latent_joints: bool = False, remounted: bool = False,
+    tolerance_mm: float | None = None, without: Sequence[str] | str = (), allow_xacro: bool = False,
+    progress: Progress = silent, checkpoint: str | PathLike[str] | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> FitResult | motions.MotionFitResult | motions.TogetherResult:
+) -> FitResult | motions.MotionFitResult | motions.TogetherResult:  # fmt: skip
     """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
 
     Parameters
@@ -169,17 +159,10 @@ def fit(
 
 
 def diagnose(
-    dataset: Source | Sequence[Source],
-    model: Sequence[str] | str = (),
-    seed: int = 0,
-    *,
-    without: Sequence[str] | str = (),
-    robust: bool = True,
-    prior_width: float = 1.0,
-    remounted: bool = False,
-    allow_xacro: bool = False,
-    progress: Progress = silent,
-) -> GapResult | motions.MotionGapResult:
+    dataset: Source | Sequence[Source], model: Sequence[str] | str = (), seed: int = 0, *,
+    without: Sequence[str] | str = (), robust: bool = True, prior_width: float = 1.0, remounted: bool = False,
+    allow_xacro: bool = False, progress: Progress = silent,
+) -> GapResult | motions.MotionGapResult:  # fmt: skip
     """Diagnose the difference between model and machine: size, location, effect, improvement.
 
     Parameters
@@ -237,14 +220,9 @@ def diagnose(
 
 
 def simulate(
-    robot: str = "fanuc-lrmate200ic",
-    effects: Sequence[str] | str = MODEL,
-    *,
-    seed: int = 0,
-    allow_xacro: bool = False,
-    setup: str | PathLike[str] | None = None,
-    **options: Any,
-) -> SimulatedSession:
+    robot: str = "fanuc-lrmate200ic", effects: Sequence[str] | str = MODEL, *, seed: int = 0,
+    allow_xacro: bool = False, setup: str | PathLike[str] | None = None, **options: Any,
+) -> SimulatedSession:  # fmt: skip
     """Simulate a session on a cube and spheres, or a practice session of a set-up, in memory.
 
     Parameters
@@ -307,13 +285,9 @@ def simulate(
 
 
 def compare(
-    dataset: Source,
-    model: Sequence[str] | str = (),
-    seed: int = 0,
-    *,
-    allow_xacro: bool = False,
+    dataset: Source, model: Sequence[str] | str = (), seed: int = 0, *, allow_xacro: bool = False,
     progress: Progress = silent,
-) -> ComparisonResult:
+) -> ComparisonResult:  # fmt: skip
     """Calibrate a session by every method, and compare the results on the same validation measurements.
 
     Parameters
@@ -346,11 +320,9 @@ def compare(
 
 
 def session_of(
-    source: Source | Sequence[Source],
-    remounted: bool = False,
-    own_noise: bool = True,
+    source: Source | Sequence[Source], remounted: bool = False, own_noise: bool = True,
     allow_xacro: bool = False,
-) -> Dataset:
+) -> Dataset:  # fmt: skip
     """A single session, or several sessions of the same arm joined (`dataset.join`)."""
     from bayescal.dataset import Dataset
     from bayescal.dataset.join import joined

@@ -104,14 +104,9 @@ class PlanResult(Result):
         return plan_summary(self._new())
 
     def save(
-        self,
-        folder: str | PathLike[str],
-        to: Sequence[str] | str = (),
-        *,
-        probe_input: str = "",
-        probe_force_n: float | None = None,
-        probe_beyond_mm: float = 5.0,
-    ) -> tuple[str, ...]:
+        self, folder: str | PathLike[str], to: Sequence[str] | str = (), *, probe_input: str = "",
+        probe_force_n: float | None = None, probe_beyond_mm: float = 5.0,
+    ) -> tuple[str, ...]:  # fmt: skip
         """Write plan.csv, plan.json, the page, the figure and the setup; return their names.
 
         Parameters
@@ -190,21 +185,11 @@ def load(run: str | PathLike[str]) -> Loaded:
 
 
 def plan(
-    setup: Source,
-    contacts: int | None = None,
-    purpose: str = "both",
-    model: Sequence[str] | str = (),
-    *,
-    after: Source | GapResult | None = None,
-    levers: Sequence[str] | str = ("payload", "approach"),
-    order: str = "sweeps",
-    validation: bool = True,
-    candidates: int = 5000,
-    seed: int = 0,
-    to: Sequence[str] | str = (),
-    allow_xacro: bool = False,
-    progress: Progress = silent,
-) -> PlanResult | motions.MotionPlanResult:
+    setup: Source, contacts: int | None = None, purpose: str = "both", model: Sequence[str] | str = (), *,
+    after: Source | GapResult | None = None, levers: Sequence[str] | str = ("payload", "approach"),
+    order: str = "sweeps", validation: bool = True, candidates: int = 5000, seed: int = 0,
+    to: Sequence[str] | str = (), allow_xacro: bool = False, progress: Progress = silent,
+) -> PlanResult | motions.MotionPlanResult:  # fmt: skip
     """Choose the contacts to measure, and predict the uncertainty that they give; of a joint log, motions.
 
     Parameters

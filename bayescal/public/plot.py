@@ -161,13 +161,9 @@ def budget(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -> F
 
 
 def posterior(
-    result: FitResult,
-    names: Sequence[str] = (),
-    *,
-    kind: str = "density",
-    width_mm: float = WIDTH,
+    result: FitResult, names: Sequence[str] = (), *, kind: str = "density", width_mm: float = WIDTH,
     ax: Axes | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """Posterior distributions of parameters with their priors, and pairs of correlated parameters.
 
     Parameters

@@ -87,18 +87,11 @@ class Positioned:
         return arm_of(self)
 
     def position(
-        self,
-        readings: Sequence[float] | Sequence[Sequence[float]] | np.ndarray,
-        *,
-        tool: str | None = None,
-        tcp: Sequence[float] | None = None,
-        payload_kg: float | Sequence[float] = 0.0,
-        velocity: Sequence[float] | np.ndarray | None = None,
-        frame: str = "base",
-        at_time: float | None = None,
-        at_row: str | None = None,
-        force: bool = False,
-    ) -> PositionResult:
+        self, readings: Sequence[float] | Sequence[Sequence[float]] | np.ndarray, *, tool: str | None = None,
+        tcp: Sequence[float] | None = None, payload_kg: float | Sequence[float] = 0.0,
+        velocity: Sequence[float] | np.ndarray | None = None, frame: str = "base",
+        at_time: float | None = None, at_row: str | None = None, force: bool = False,
+    ) -> PositionResult:  # fmt: skip
         """Where the calibrated arm puts its tool, with the uncertainty that `compensate` states.
 
         Parameters

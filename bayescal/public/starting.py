@@ -23,14 +23,9 @@ if TYPE_CHECKING:
 
 
 def init(
-    folder: str | PathLike[str],
-    robot: str,
-    artefact: Sequence[str] | str = "cube",
-    *,
-    tool: str = "",
-    name: str = "",
-    allow_xacro: bool = False,
-) -> tuple[str, ...]:
+    folder: str | PathLike[str], robot: str, artefact: Sequence[str] | str = "cube", *, tool: str = "",
+    name: str = "", allow_xacro: bool = False,
+) -> tuple[str, ...]:  # fmt: skip
     """Write the set-up of a new session: a commented dataset.yaml, an empty table, and what to measure.
 
     Parameters
@@ -201,11 +196,9 @@ def check(
 
 
 def report(
-    runs: str | PathLike[str] | Sequence[str | PathLike[str]],
-    out: str | PathLike[str] | None = None,
-    *,
+    runs: str | PathLike[str] | Sequence[str | PathLike[str]], out: str | PathLike[str] | None = None, *,
     pdf: bool = False,
-) -> tuple[Path, ...]:
+) -> tuple[Path, ...]:  # fmt: skip
     """Write the page of a run folder again, or a page that compares several runs.
 
     Parameters

@@ -87,17 +87,10 @@ def words(event: Event) -> Text:
 
 
 def watch(
-    dataset: str | PathLike[str],
-    model: Sequence[str] | str = (),
-    *,
-    enough_um: float | None = None,
-    plan: str | PathLike[str] | None = None,
-    idle_s: float = 600.0,
-    seed: int = 0,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    say: Callable[[Event], None] = lambda event: None,
-) -> WatchResult:
+    dataset: str | PathLike[str], model: Sequence[str] | str = (), *, enough_um: float | None = None,
+    plan: str | PathLike[str] | None = None, idle_s: float = 600.0, seed: int = 0, robust: bool = True,
+    prior_width: float = 1.0, say: Callable[[Event], None] = lambda event: None,
+) -> WatchResult:  # fmt: skip
     """Watch a session while it is measured: its measurements.csv grows.
 
     Returns when the session has enough contacts, when all of a plan are measured, or when no row came for

@@ -110,22 +110,15 @@ def record(v: Verification) -> dict[str, Any]:
     """The content of verify.json."""
     measured = v.gap and {"before_model": v.gap.before_is} | _measured(v.gap)
     return {
-        "schema": SCHEMA,
-        "format": v.format,
-        "file": v.path.name,
-        "software": {"bayescal": __version__, "simulator": v.software},
-        "model": list(v.arm.effects),
-        "state_row": v.arm.dataset.measurements.ids[v.state],
-        "poses": len(v.levels[-1].differences),
+        "schema": SCHEMA, "format": v.format, "file": v.path.name,
+        "software": {"bayescal": __version__, "simulator": v.software}, "model": list(v.arm.effects),
+        "state_row": v.arm.dataset.measurements.ids[v.state], "poses": len(v.levels[-1].differences),
         "max_difference_um": {level.name: 1e6 * level.maximum for level in v.levels},
         "rms_difference_um": {level.name: 1e6 * level.rms for level in v.levels},
         "limit_um": {level.name: 1e6 * level.limit for level in v.levels},
         "not_in_file_rms_um": {name: 1e6 * size for name, size in v.missing.items()},
-        "use": v.arm.use.record(),
-        "passed": v.passed,
-        "worse": _worse(v.gap),
-        "measured": measured,
-    }
+        "use": v.arm.use.record(), "passed": v.passed, "worse": _worse(v.gap), "measured": measured,
+    }  # fmt: skip
 
 
 MEASURED = ("before_rms_um", "after_rms_um", "predicted_before_rms_um", "predicted_after_rms_um")

@@ -103,15 +103,11 @@ def fleet_record(
     """The content of fleet.json; `files` are the robot files of the models, by their index."""
     count = {status: sum(s["status"] == status for s in sessions) for status in ("fitted", "kept", "failed")}
     record = {
-        "schema": SCHEMA,
-        "software": software(LIBRARIES),
-        "inputs": inputs,
-        "count": {"sessions": len(sessions), **count},
-        "arms": _arms(sessions, models),
-        "effects": _effects(sessions),
-        "models": [_model(m, files.get(k)) for k, m in enumerate(models)],
+        "schema": SCHEMA, "software": software(LIBRARIES), "inputs": inputs,
+        "count": {"sessions": len(sessions), **count}, "arms": _arms(sessions, models),
+        "effects": _effects(sessions), "models": [_model(m, files.get(k)) for k, m in enumerate(models)],
         "sessions": list(sessions),
-    }
+    }  # fmt: skip
     return plain(record)
 
 

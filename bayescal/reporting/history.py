@@ -39,16 +39,12 @@ YEAR = 365.25
 def history_record(result: History) -> Json:
     """The content of history.json."""
     record: dict[str, Any] = {
-        "schema": SCHEMA,
-        "robot": result.robot,
-        "serial": result.serial or None,
-        "software": software(("numpy", "scipy")),
-        "time_unit": result.unit,
+        "schema": SCHEMA, "robot": result.robot, "serial": result.serial or None,
+        "software": software(("numpy", "scipy")), "time_unit": result.unit,
         "runs": [entry(e, *RUN) | {"date": e.dates or None} for e in result.entries],
         "parameters": [_course(c, result) for c in result.courses],
-        "limit": result.limit and _limit(result.limit),
-        "notes": result.notes,
-    }
+        "limit": result.limit and _limit(result.limit), "notes": result.notes,
+    }  # fmt: skip
     record["words"] = words(record)
     return plain(record)
 

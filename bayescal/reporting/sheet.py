@@ -120,11 +120,9 @@ def inside(within: bool) -> Text:
 
 
 def bar_of(
-    items: Iterable[Mapping[str, Any]],
-    key: str,
-    marked: Callable[[Any], bool] = lambda item: False,
+    items: Iterable[Mapping[str, Any]], key: str, marked: Callable[[Any], bool] = lambda item: False,
     unit: str = "",
-) -> Callable[[Any], Bar]:
+) -> Callable[[Any], Bar]:  # fmt: skip
     """The bar of an item of a record: a length in µm relative to the largest of all items."""
     largest = max((item[key] or 0.0 for item in items), default=0.0) or 1.0
     return lambda item: Bar((item[key] or 0.0) / largest, length(item[key]) + unit, marked(item))

@@ -345,12 +345,8 @@ def record_of(v: LogVerification) -> dict[str, Any]:
     rows = zip(v.joints, v.difference, v.nominal, v.fitted, strict=True)
     tracked = {} if isinstance(v.tracking, str) else v.tracking
     return {
-        "schema": "bayescal-log-verify/1",
-        "dataset": {"name": v.name},
-        "file": str(v.path),
-        "simulator": v.software,
-        "passed": v.passed,
-        "rows": v.rows,
+        "schema": "bayescal-log-verify/1", "dataset": {"name": v.name}, "file": str(v.path),
+        "simulator": v.software, "passed": v.passed, "rows": v.rows,
         "joints": [
             {"joint": n, "difference_Nm": d, "nominal_rms_Nm": b, "rms_Nm": a}
             for n, d, b, a in ((n, *map(float, x)) for n, *x in rows)
@@ -360,4 +356,4 @@ def record_of(v: LogVerification) -> dict[str, Any]:
             for name, of in tracked.items()
         }
         or {"not_assessed": v.tracking},
-    }
+    }  # fmt: skip

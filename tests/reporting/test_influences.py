@@ -106,7 +106,7 @@ def test_every_number_of_a_diagnosis_is_shown(session, kind, monkeypatch):
     record = gap_file.gap_record(gap)
     monkeypatch.setattr(summary, "screen", lambda *parts: parts)
     assert not unseen(lambda record: summary.gap_summary(gap, record), record, ON_TERMINAL)
-    assert not unseen(lambda r: [of(Run("gap", r, "run")) for of in build.SECTIONS["gap"]], record, ON_PAGE)
+    assert not unseen(lambda r: [of(Run("gap", r, "run")) for of in build.KINDS["gap"][2]], record, ON_PAGE)
 
 
 FOUND = {"parameter": "a2", "value": 0.31, "u": 0.12, "unit": "mm", "p_all": 0.013, "stated": True}

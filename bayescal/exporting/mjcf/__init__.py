@@ -83,23 +83,17 @@ def replay_table(
     probe = {key: values.get(name, 0.0) for name, key in PROBE.items()}
     probe["ball_radius_m"] = values.get(f"ball-radius {tool}", 0.0)
     return {
-        "joints": list(joints.names),
-        "signs": joints.signs.tolist(),
-        "servos": list(joints.names) if servos else [],
-        "tip": renamed.get("site", {}).get(tool, tool),
+        "joints": list(joints.names), "signs": joints.signs.tolist(),
+        "servos": list(joints.names) if servos else [], "tip": renamed.get("site", {}).get(tool, tool),
         "payload_body": renamed.get("body", {}).get("payload", "payload"),
         "payload_factor": next(load.factor for load in loads(content) if load.name == tool),
-        "nominal": law.nominal.tolist(),
-        "exact": law.exact.tolist(),
-        "offset_rad": law.offset.tolist(),
+        "nominal": law.nominal.tolist(), "exact": law.exact.tolist(), "offset_rad": law.offset.tolist(),
         "waves": [
             {"joint": w.joint, "order": w.order, "sine_rad": w.sine, "cosine_rad": w.cosine}
             for w in law.waves
         ],
-        "lost_motion_rad": law.lost.tolist(),
-        "geared": law.geared.tolist(),
-        "probe": probe,
-    }
+        "lost_motion_rad": law.lost.tolist(), "geared": law.geared.tolist(), "probe": probe,
+    }  # fmt: skip
 
 
 PLACES = {

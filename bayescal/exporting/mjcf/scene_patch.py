@@ -113,15 +113,11 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
     links = [model.body(b).name for b in scene.arm.ids]
     carried = _carried(model, scene.arm)
     details = {
-        "into": path.name,
-        "tip": links[-1],
-        "joints": scene.names,
+        "into": path.name, "tip": links[-1], "joints": scene.names,
         "joint_from_reading": (scene.arm.where.signs[:, None] * arm.dataset.robot.link_from_reading).tolist(),
-        "signs": scene.arm.where.signs.tolist(),
-        "root_in_f0": scene.arm.where.root.tolist(),
-        "renamed": others,
-        "carried_kg": carried,
-    }
+        "signs": scene.arm.where.signs.tolist(), "root_in_f0": scene.arm.where.root.tolist(),
+        "renamed": others, "carried_kg": carried,
+    }  # fmt: skip
     notes += scene.arm.where.notes
     if carried > 1e-6:
         notes += [f"the file has {carried:.3g} kg on the last body, in addition to the tool of the session"]

@@ -62,20 +62,14 @@ def measurand_record(budget: Budget) -> dict[str, Any]:
     unit, factor = UNITS[m.unit]
     length = m.unit == "m"
     return {
-        "measurand": m.name,
-        "kind": m.kind,
-        "unit": unit,
-        "value": scaled(m.value, factor),
+        "measurand": m.name, "kind": m.kind, "unit": unit, "value": scaled(m.value, factor),
         "position_mm": None if m.position is None else 1e3 * m.position,
-        "components": [_component(budget, c) for c in budget.components],
-        "u": factor * budget.u,
+        "components": [_component(budget, c) for c in budget.components], "u": factor * budget.u,
         "U": factor * budget.expanded,
         **(entry(budget, "u_um", "U_um=expanded") if length else {"u_um": None, "U_um": None}),
-        **entry(budget, "effective_dof=dof", "k"),
-        "coverage": COVERAGE,
-        "prior_share": budget.prior_share,
+        **entry(budget, "effective_dof=dof", "k"), "coverage": COVERAGE, "prior_share": budget.prior_share,
         "text": in_words(budget),
-    }
+    }  # fmt: skip
 
 
 def _component(budget: Budget, c: Component) -> dict[str, Any]:

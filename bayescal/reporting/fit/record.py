@@ -38,7 +38,7 @@ from bayescal.reporting.origin import (
     plain,
     rows_record,
 )
-from bayescal.reporting.page.build import PAGES, write_page
+from bayescal.reporting.page.build import KINDS, write_page
 from bayescal.reporting.text import MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text
@@ -132,19 +132,14 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
     nominal = np.array([*(p.nominal for p in model.parameters), *of_targets])
     centre = np.array([*(p.centre for p in model.parameters), *of_targets])
     columns = {
-        "nominal": nominal * factor,
-        "prior_mean": centre * factor,
+        "nominal": nominal * factor, "prior_mean": centre * factor,
         "estimate": model.physical(fit.final.estimate.z) * factor,
         "sd": [np.std(column) for column in draws.T],
         "sd_without_discrepancy": np.std(model.physical(fit.sampled.flat), axis=0) * factor,
-        "prior_sd": prior * factor,
-        "contraction": 1.0 - np.var(fit.draws.flat, axis=0),
-        "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T,
-        "ess": fit.draws.ess,
-        "ess_bulk": fit.draws.ess_bulk,
-        "ess_tail": fit.draws.ess_tail,
-        "rhat": fit.draws.rhat,
-    }
+        "prior_sd": prior * factor, "contraction": 1.0 - np.var(fit.draws.flat, axis=0),
+        "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T, "ess": fit.draws.ess,
+        "ess_bulk": fit.draws.ess_bulk, "ess_tail": fit.draws.ess_tail, "rhat": fit.draws.rhat,
+    }  # fmt: skip
     effects = [*(p.effect for p in model.parameters), *["target"] * len(of_targets)]
     return [
         {"name": name, "effect": effects[k], "unit": units[k]}
@@ -374,4 +369,4 @@ def write_fit(
         for name, content in figures.items():
             (stage / name).write_bytes(content)
         write_page(stage, shown or folder)  # with the figures
-    return (FIT, PAGES["fit"], posterior, BUDGET, BUDGET_CSV, ROBOT, ARM_FILE, COPY, *figures)
+    return (FIT, KINDS["fit"][0], posterior, BUDGET, BUDGET_CSV, ROBOT, ARM_FILE, COPY, *figures)

@@ -239,17 +239,13 @@ def _curve(gap: result.Gap, w: result.Place) -> dict[str, Any]:
     """
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
-        **entry(w, "site", "driver"),
-        "text": place(w, gap.dataset),
-        "event": w.driver.kind == EVENT,
+        **entry(w, "site", "driver"), "text": place(w, gap.dataset), "event": w.driver.kind == EVENT,
         "coordinate": curve.coordinate,
         "lever": None if curve.lever is None else np.round(curve.lever, LEVER_DIGITS),
-        "lever_unit": curve.unit or None,
-        "id": [ids[row] for row in curve.rows],
-        "x": np.round(curve.x, DIGITS),
-        "residual_um": np.round(UM * curve.residual, DIGITS),
+        "lever_unit": curve.unit or None, "id": [ids[row] for row in curve.rows],
+        "x": np.round(curve.x, DIGITS), "residual_um": np.round(UM * curve.residual, DIGITS),
         "fitted_um": np.round(UM * curve.fitted, DIGITS),
-    }
+    }  # fmt: skip
 
 
 def _mark(gap: result.Gap) -> str | None:

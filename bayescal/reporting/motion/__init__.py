@@ -23,14 +23,9 @@ from bayescal.reporting.text import Facts, by_reason, probability, rival, share,
 from bayescal.storage.reading import Json
 
 DISPLAYED = {
-    "rad": ("deg", 180.0 / np.pi),
-    "m": ("mm", 1e3),
-    "s": ("ms", 1e3),
-    "rad/s": ("deg/s", 180.0 / np.pi),
-    "1": ("%", 100.0),
-    "1/K": ("%/K", 100.0),
-    "": ("", 1.0),
-}
+    "rad": ("deg", 180.0 / np.pi), "m": ("mm", 1e3), "s": ("ms", 1e3), "rad/s": ("deg/s", 180.0 / np.pi),
+    "1": ("%", 100.0), "1/K": ("%/K", 100.0), "": ("", 1.0),
+}  # fmt: skip
 """Unit in memory -> unit in print and factor to it; others are printed as they are."""
 LEAST = 0.01
 """Least probability of a cause that is listed."""

@@ -160,18 +160,13 @@ def together_record(result: Together) -> dict[str, Any]:
     log, session = result.log.log, result.contacts.dataset
     p = float(chi2_sf(result.chi2, result.dof)) if result.dof else 1.0
     record = {
-        "schema": SCHEMA,
-        "unit": UNIT,
-        "session": session.name,
-        "log": {"name": log.name, "sha256": log.digest},
-        "software": software(LIBRARIES),
-        "seed": result.log.seed,
-        "robot": session.robot.name,
+        "schema": SCHEMA, "unit": UNIT, "session": session.name,
+        "log": {"name": log.name, "sha256": log.digest}, "software": software(LIBRARIES),
+        "seed": result.log.seed, "robot": session.robot.name,
         "shared": [vars(s) | {"alone": _with_u(s.alone), "both": _with_u(s.both)} for s in result.shared],
-        "agreement": {"chi2": result.chi2, "dof": result.dof, "p": p},
-        "fits_of_session": result.rounds,
+        "agreement": {"chi2": result.chi2, "dof": result.dof, "p": p}, "fits_of_session": result.rounds,
         "warnings": _warnings(result, p),
-    }
+    }  # fmt: skip
     return plain(record)
 
 
@@ -289,15 +284,11 @@ def plan_record(plan: MotionPlan) -> dict[str, Any]:
     }
     bounds = {key: [round(x, 3) if np.isfinite(x) else None for x in v.tolist()] for key, v in sizes.items()}
     record = {
-        **origin(PLAN_SCHEMA, b.log, 0),
-        "rate_hz": round(1.0 / b.step, 6),
-        "pause_s": PAUSE,
+        **origin(PLAN_SCHEMA, b.log, 0), "rate_hz": round(1.0 / b.step, 6), "pause_s": PAUSE,
         "first_pose_deg": np.degrees(b.home),
-        "bounds": {**bounds, "clear_of_itself": b.clearance is not None},
-        "motions": motions_of(plan),
-        "left_out": list(plan.left_out),
-        "warnings": list(b.assumed),
-    }
+        "bounds": {**bounds, "clear_of_itself": b.clearance is not None}, "motions": motions_of(plan),
+        "left_out": list(plan.left_out), "warnings": list(b.assumed),
+    }  # fmt: skip
     return plain(record)
 
 

@@ -43,15 +43,10 @@ SITES = {"tool": "the tool", "base": "the base", "log": "the log"}
 def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
     """Schema, log with its hash, software, seed."""
     return {
-        "schema": schema,
-        "dataset": {"name": log.name, "sha256": log.digest},
-        "record": record_of(Record()),
-        "software": software(LIBRARIES),
-        "seed": seed,
-        "unit": shown_unit(log)[0],
-        "robot": log.mechanism.name,
-        "joints": list(log.mechanism.joint_names),
-    }
+        "schema": schema, "dataset": {"name": log.name, "sha256": log.digest}, "record": record_of(Record()),
+        "software": software(LIBRARIES), "seed": seed, "unit": shown_unit(log)[0],
+        "robot": log.mechanism.name, "joints": list(log.mechanism.joint_names),
+    }  # fmt: skip
 
 
 def site_of(form: Form) -> str:

@@ -285,13 +285,10 @@ def asset(name: str) -> str:
 
 
 def page(
-    title: str,
-    subtitle: str,
-    sections: Sequence[Section | None],
-    foot: Sequence[str] = (f"bayescal {__version__}",),
-    data: Mapping[str, Any] | None = None,
+    title: str, subtitle: str, sections: Sequence[Section | None],
+    foot: Sequence[str] = (f"bayescal {__version__}",), data: Mapping[str, Any] | None = None,
     headers: Sequence[tuple[str, Mapping[str, str]]] = (),
-) -> str:
+) -> str:  # fmt: skip
     """A page as text.
 
     Parameters

@@ -92,28 +92,22 @@ def pdf_of(page: str) -> bytes:
         return made.read_bytes() + MARK
 
 
-SECTIONS = {
-    "fit": fit.SECTIONS,
-    "gap": gap.SECTIONS,
-    "motion": motion.SECTIONS,
-    "motion fit": motion.FIT_SECTIONS,
+KINDS = {
+    "fit": ("report.html", "calibration", fit.SECTIONS),
+    "gap": ("gap.html", "diagnosis", gap.SECTIONS),
+    "motion": ("gap.html", "diagnosis of the joint log", motion.SECTIONS),
+    "motion fit": ("report.html", "calibration from the joint log", motion.FIT_SECTIONS),
 }
-PAGES = {"fit": "report.html", "gap": "gap.html", "motion": "gap.html", "motion fit": "report.html"}
-"""File name of the page of each kind of run."""
-TITLES = {
-    "fit": "calibration",
-    "gap": "diagnosis",
-    "motion": "diagnosis of the joint log",
-    "motion fit": "calibration from the joint log",
-}
+"""Of each kind of run: the file name of its page, what it is, and its sections."""
 
 
 def run_page(run: Run, scripts: bool = True) -> str:
     """The page of a run, as text; without `scripts` it has static figures alone."""
-    some = [make(run) for make in SECTIONS[run.kind]]
+    _, title, sections = KINDS[run.kind]
     model = run.record["model"] if run.file == "fit.json" else run.record["baseline"]
-    subtitle = f"{TITLES[run.kind]} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
+    subtitle = f"{title} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
     data = interactive(run) if scripts else None
+    some = [make(run) for make in sections]
     return page(run.name, subtitle, some, foot(run), data, filed(run.record))
 
 
@@ -134,7 +128,7 @@ def foot(run: Run) -> tuple[str, ...]:
 def write_page(stage: Path, folder: Path) -> str:
     """Write the page of a run folder that is being written to `stage`; its name is returned."""
     run = read_run(stage, str(folder))
-    name = PAGES[run.kind]
+    name = KINDS[run.kind][0]
     (stage / name).write_text(run_page(run), encoding="utf-8")
     return name
 
@@ -186,7 +180,7 @@ def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     """Write the page into the run folder: a copy of the folder with it replaces the folder."""
     with whole(folder, run.file) as stage:
         shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
-        files = _files([run], stage / PAGES[run.kind], pdf)
+        files = _files([run], stage / KINDS[run.kind][0], pdf)
         for path, content in files.items():
             path.write_bytes(content)
     return tuple(folder / path.name for path in files)
