@@ -5,8 +5,6 @@ their correlations. The tests share a probability of a false alarm (Bonferroni),
 fails any of them with a probability of at most `LEVEL`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

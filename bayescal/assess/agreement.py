@@ -8,8 +8,6 @@ What stated covariances have more than C_A and C_B (`estimate.discrepancy`) is a
 both sessions share, the difference of their effects on the estimates is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -9,8 +9,6 @@ variances add up; the estimates of the parameters are not, and their correlation
 The measurands whose budgets a fit writes, and the uncertainty of the distance errors that it predicts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf

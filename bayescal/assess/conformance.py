@@ -24,8 +24,6 @@ u is of the measurement: noise of the validation data, location of the target, c
 of the arm's parameters is not in it, because the figures describe this arm as it is calibrated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

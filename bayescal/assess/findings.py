@@ -11,8 +11,6 @@ of slopes d by d C J' e (external reliability). For each measurement, the e of t
 that gives the largest root mean square of these over all distances: the largest eigenvalue of a k x k matrix.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal

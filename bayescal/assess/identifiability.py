@@ -5,8 +5,6 @@ Information of a session measured again with changes: poses, directions, length,
 Directions in space that the fitted data probe: a residual measures the ball along one direction only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -11,8 +11,6 @@ over none; what the fit absorbs is neglected. A point of which most measurements
 these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -104,8 +102,7 @@ def _of(fitted: Estimate, block: Posed, kind: Camera) -> Images:
         lengths = np.linalg.norm((moved * in_px).reshape(kind.rows, -1), axis=0)
         parts.append(Part(name, rms, u, float(every.max(initial=0)), float(lengths.max(initial=0))))
     parts.sort(key=lambda p: -p.rms)
-    stated = float(np.median(block.sigma / kind.scale))  # few images are blurred
-    noise = stated * fitted.weights.scale[block.group]
+    noise = float(np.median(block.sigma / kind.scale)) * fitted.weights.scale[block.group]
     return Images(block.target, len(np.unique(block.images[1][kept])), count, noise, tuple(parts))
 
 

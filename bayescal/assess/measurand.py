@@ -4,8 +4,6 @@ Distances have errors of their own: the contacts that locate their ends, or the 
 certificate that they are compared with; and what neither noise nor parameters explain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

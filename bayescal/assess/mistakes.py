@@ -6,8 +6,6 @@ density at the best point, a hypothesis of far smaller F than the session as sta
 of about the same F is one that these data cannot show.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ is linearised, and its information is added. The changes are those that a user c
 change determines either has no effect on a measurement, or one below the noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """The conclusion: what changed, by how much and with which probability; what would have been seen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ what all runs have from the same prior counts once. The values of all runs are o
 parameter, plus trends and steps, whose evidence is that of `search`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -6,8 +6,6 @@ estimate of all of them is the point of linearisation, so that no session is tak
 What changes do to distances and at given poses follows from slopes of the TCP.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -16,8 +16,6 @@ A model error that is the same in both sessions is in w, so that it is no change
 measured at different poses.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -10,8 +10,6 @@ the same change count by their probability; and the change of a spring is in pro
 the stated masses give.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """A measuring session: the folder on disk and the `Dataset` in memory."""
 
-from __future__ import annotations
-
 from bayescal.dataset.read import read_dataset as read_dataset
 from bayescal.dataset.types import ROLES as ROLES
 from bayescal.dataset.types import Box as Box

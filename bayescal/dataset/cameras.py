@@ -6,8 +6,6 @@ target is not stated with an uncertainty, target and tool are placed by `arm.han
 of boards follow from the text of dataset.yaml, in the numbering of OpenCV.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

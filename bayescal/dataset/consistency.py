@@ -8,8 +8,6 @@ Contacts are taken for planned ones where this is below `CHANCE` 2^-k. Only erro
 counted, so that repeats of a contact count as independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache

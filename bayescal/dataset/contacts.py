@@ -9,8 +9,6 @@ Which targets a certificate may join, and whether their nominal places allow wha
 What is attached to the flange in each row: tool and payload. Which targets are one rigid body.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -91,8 +89,7 @@ def scatter(p: np.ndarray, seen: np.ndarray, near: float, passes: int = 30) -> n
     """
     away = np.zeros(len(p))
     for _ in range(passes):
-        weight = _cauchy(away, float(np.median(away)))
-        placed = rigid_alignment(p, seen, weight)
+        placed = rigid_alignment(p, seen, _cauchy(away, float(np.median(away))))
         away = np.linalg.norm(p - seen @ placed[:3, :3].T - placed[:3, 3], axis=1)
         if away.max() <= near:
             break

@@ -9,8 +9,6 @@ Each change is tried on the corners of the image. That which brings it to where 
 put the board is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain

@@ -249,8 +249,7 @@ def _outward(t: Target) -> float:
 
 def _distances(t: Target) -> np.ndarray:
     """Smallest and largest distance (2,), m, at which the board has a sensible share of the image."""
-    points = cameras.board(t).points
-    length = float(np.max(np.ptp(points, axis=0)))
+    length = float(np.max(np.ptp(cameras.board(t).points, axis=0)))
     return np.mean(cameras.lens_of(t).focal) * length / (np.min(size_of(t)) * np.array([LARGEST, SMALLEST]))
 
 
@@ -297,8 +296,7 @@ def aims(t: Target, place: Region, count: int, rng: np.random.Generator) -> np.n
     shift = far[:, None] * sight - axes @ middle
     seen = np.concatenate([axes, shift[..., None]], axis=-1)
     tool = product(_fixed(t, place), inverse(seen) if cameras.carried(t) else seen)
-    bad = faults(t, place, tool) != ""
-    return tool[np.argsort(bad, kind="stable")[:count]]
+    return tool[np.argsort(faults(t, place, tool) != "", kind="stable")[:count]]
 
 
 def _middle(t: Target) -> np.ndarray:

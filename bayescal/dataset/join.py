@@ -10,8 +10,6 @@ The rows of several sessions, one session after the other.
 Whether two sessions are of the same robot, with the same mounting and conventions.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields, replace

@@ -6,8 +6,6 @@ they are. The same holds of a sign, a zero, a coupling or an exchange of joints.
 that much, and no other change of one quantity removes such an error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial

@@ -3,8 +3,6 @@
 From the cells of measurements.csv to `Measurements`, checked against tools, targets and noise.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 A declaration (`target_kinds.TargetKind`) combines these functions, or functions of its own, as its `Probing`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -169,8 +167,7 @@ def on_side(target: Target, region: Region, radius: float, count: int, rng: np.r
     """All over a cylinder, but on its underside."""
     normals = cross(np.tile(vector(target, "axis"), (count, 1)), rng.normal(size=(count, 3)))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    under = normals @ region.up < np.cos(DOWN)
-    normals[under] *= -1
+    normals[normals @ region.up < np.cos(DOWN)] *= -1
     along = rng.uniform(-1, 1, (count, 1)) @ region.half
     return region.centre + along + (0.5 * float(target.values["diameter"]) + radius) * normals, normals
 

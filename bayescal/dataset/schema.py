@@ -1,7 +1,5 @@
 """dataset.yaml as pydantic models, in the file's units; one model a kind of target and certificate."""
 
-from __future__ import annotations
-
 import datetime
 from contextlib import suppress
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Solids of the user's own around the arm (`solids:` in dataset.yaml): fixtures, tables, fences."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

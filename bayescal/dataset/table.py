@@ -1,7 +1,5 @@
 """measurements.csv and other tables: columns, and cells as numbers with the line of whatever is wrong."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

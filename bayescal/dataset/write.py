@@ -1,7 +1,5 @@
 """Rows that are taken or appended, and a `Dataset` to a folder on disk, atomically."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace

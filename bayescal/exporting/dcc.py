@@ -5,8 +5,6 @@ the fit, as quantities of the D-SI with their expanded uncertainty; their elemen
 certificate is validated by a user's copy of the schema: dcc.xsd, with SI_Format.xsd beside it.
 """
 
-from __future__ import annotations
-
 import datetime
 import warnings
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """An arm in a format: the file, what it lacks, and the sidecar that says both."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint

@@ -4,8 +4,6 @@ A file of constant geometry holds displacements of frames, as frames of the join
 of what a file lacks is that at the poses of the session.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -234,8 +232,7 @@ def _at_contact(arm: FittedArm, lost: np.ndarray, rows: np.ndarray) -> tuple[flo
     changed = lost[index]
     if not np.any(changed):
         return float("nan"), float("nan")
-    off = arm.values[index[changed]] @ drivers[changed, 0][:, rows]
-    return _lengths(off[None])
+    return _lengths(arm.values[index[changed]] @ drivers[changed, 0][:, rows][None])
 
 
 def _why(parameters: Sequence[Parameter], lost: np.ndarray, format_: Format) -> str:

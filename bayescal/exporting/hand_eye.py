@@ -5,8 +5,6 @@ rotation vector (rad) and the origin (m) of a frame, for a small turn of the fra
 shift in the frame that it is given in.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -69,8 +67,7 @@ def hand_eyes(arm: FittedArm, state: int = -1) -> list[HandEye]:
     for block in model.states:
         if not isinstance(block.kind, Camera):
             continue
-        target = model.scene.index[block.target]
-        t = arm.dataset.targets[target]
+        t = arm.dataset.targets[model.scene.index[block.target]]
         camera, seen = f"{t.name}_camera", f"{t.name}_board"
         for k in np.unique(m.tool[block.rows]).tolist():
             tool = arm.dataset.tools[k]

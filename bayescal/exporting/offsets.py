@@ -19,8 +19,6 @@ The driver compares `hash` with that of the connected arm and warns of a differe
 own.
 """
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

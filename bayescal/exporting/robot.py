@@ -1,7 +1,5 @@
 """A calibrated robot as DH rows, exactly the displaced chain, joint for joint: robot.yaml, and a table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ nominal ones, and its frames are those of the earlier calibration. It is turned 
 before its frames are compared: the new calibration replaces the earlier one.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass

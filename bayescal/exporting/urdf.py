@@ -20,8 +20,6 @@ An elastic joint is two joints in SDF: one that is commanded, and one with `spri
 too. The mechanism is that of the MuJoCo model (`mjcf.mechanism`). A spring of SDF is linear.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Sequence

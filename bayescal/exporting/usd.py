@@ -6,8 +6,6 @@ pose of the flange is the product of these transforms and of the turns of the jo
 joints in single precision: 0.1 µm at an arm of 1 m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -3,8 +3,6 @@
 The sidecar names the simulators of a file: what other commands need of an export.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ start tags whose attributes did not change, what stands between elements (commen
 end tags. An added element has the indentation of its place.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ write
     A draft to a folder, atomically.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bayescal.dataset.read import SETTINGS

@@ -3,8 +3,6 @@
 What is relied on is written down, with its source, in ``docs/importing.md``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -71,8 +69,7 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
         columns = columns.take(np.abs(xyz).sum(axis=1) >= UNSEEN)
         if not columns.count:
             raise BayescalError("no measured row: all points are 0, 0, 0", log.name, "export the table again")
-    centres = np.column_stack([columns.cells.pop(f"tool_{k}") for k in "xyz"])
-    names, tools = _tools(centres)
+    names, tools = _tools(np.column_stack([columns.cells.pop(f"tool_{k}") for k in "xyz"]))
     return replace(columns, cells=columns.cells | {"tool": names}), tools
 
 

@@ -1,7 +1,5 @@
 """From a log, its map and further information to a dataset, in memory and on disk."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ Where no template states the lens, it follows from the images (`cv2.calibrateCam
 the board is on the flange is decided by the images: with the wrong one they fit no arm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

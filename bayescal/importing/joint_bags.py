@@ -3,8 +3,6 @@
 Of the messages of `MESSAGES`; their definitions are those in the bag, or where it has none, of ROS 2 Humble.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress

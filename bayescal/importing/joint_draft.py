@@ -3,8 +3,6 @@
 The arm is a built-in one, a file that is copied, or an MJCF model that is written out.
 """
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

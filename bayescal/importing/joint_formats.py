@@ -5,8 +5,6 @@ Sources: message definitions of sensor_msgs, control_msgs, franka_msgs, ur_msgs;
 ('Data Format').
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

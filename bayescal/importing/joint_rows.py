@@ -1,7 +1,5 @@
 """Rows from the records of a log: on one clock, without what is corrupt, divided into motions with roles."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Joint logs in tables: text with a map, records of RTDE, LeRobot data sets, SAGE folders."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the numbers of a joint log mean: the kind of its torques, their constants, units that are wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

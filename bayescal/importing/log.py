@@ -5,8 +5,6 @@ Rows of a text file: its encoding, the separator of its cells, comments.
 Cells of an Excel workbook; ``book.xlsx#Sheet`` names one of its sheets.
 """
 
-from __future__ import annotations
-
 import csv
 import datetime
 import io

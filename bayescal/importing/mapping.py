@@ -1,7 +1,5 @@
 """Contents of the columns of a log: ``j1 = A1 deg``, as text or as a YAML file; and time stamps."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Mapping, Sequence

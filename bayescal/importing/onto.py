@@ -1,7 +1,5 @@
 """Rows of a log as the contacts of a plan: what was measured from the log, all else from the plan, by id."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Orientations and positions that are not stated, compared with and estimated from the nominal arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

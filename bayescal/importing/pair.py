@@ -1,7 +1,5 @@
 """Rows of two files side by side: in their order, by id, or by time; several reflectors at a standstill."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

@@ -10,8 +10,6 @@ a controller keeps readings in registers or in a data list, those of contacts th
 joint that no joint can have: 1000 deg and the state.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Sources of the conventions: the programming manuals of the manufacturers, for th
 angles; UR: rotation vector, in the description of `p[x, y, z, rx, ry, rz]`; ABB: orient, q1 is the real part.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 import operator

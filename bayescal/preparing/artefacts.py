@@ -124,8 +124,7 @@ def _plate(room: Room) -> Outline:
 
 def _seats(room: Room) -> Outline:
     corners = 0.5 * room.scale * SEATS * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
-    centres = room.cube.centre + corners @ room.cube.axes.T
-    seats = zip("ABCD", centres, strict=True)
+    seats = zip("ABCD", room.cube.centre + corners @ room.cube.axes.T, strict=True)
     targets = [Target(f"seat.{letter}", "fixed-point", {"centre": centre}) for letter, centre in seats]
     return Outline(tuple(targets), tuple(_apart(a, b, U_SEAT) for a, b in combinations(targets, 2)))
 

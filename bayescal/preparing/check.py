@@ -1,7 +1,5 @@
 """The check of a dataset: facts, effects that can be assessed, and what is probably a mistake."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 Values that are not known yet are marked, each once.
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections import Counter

@@ -8,8 +8,6 @@ late. Delays therefore follow from rows in which the joint slides; from all rows
 Signals of a joint log at equal steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Facts of a joint log without a model of the arm: stamps, speeds, delays, filters, corrupt values."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -3,8 +3,6 @@
 Of servos: jumps of positions, zeros that differ, and sag of the joints at rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -3,8 +3,6 @@
 Joints of a log that are interchanged, or whose torques have the opposite sense: the nominal arm tells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -234,8 +234,7 @@ def _poses(b: Bounds, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
 
 
 def _pick(b: Bounds, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
-    some = b.poses[rng.integers(0, len(b.poses), 4)]
-    return _legs(np.array([b.home, *some, b.home]), t)
+    return _legs(np.array([b.home, *b.poses[rng.integers(0, len(b.poses), 4)], b.home]), t)
 
 
 @dataclass(frozen=True)

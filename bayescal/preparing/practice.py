@@ -6,8 +6,6 @@ with their certificates, within the stated uncertainties. Every row then has the
 gives it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -212,8 +212,7 @@ def fleet(
         if not any(task.folder.exists() for task in tasks.values()):
             raise BayescalError("no session could be read", "SESSIONS", "correct what is said of each")
         progress("compare", 1.0)
-        entries = _entries(tasks, errors, done, arm_of)
-        return _written(entries, options, folder)
+        return _written(_entries(tasks, errors, done, arm_of), options, folder)
 
 
 def _named(sessions: Sequence[str | PathLike[str]]) -> dict[str, Path]:

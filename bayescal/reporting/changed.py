@@ -1,7 +1,5 @@
 """What changed between sessions: changed.json, text of the terminal, page, CSV, and their run folder."""
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence

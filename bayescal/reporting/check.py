@@ -1,7 +1,5 @@
 """The terminal report of a check."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import groupby
 from operator import itemgetter

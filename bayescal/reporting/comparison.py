@@ -1,7 +1,5 @@
 """Methods beside each other: the terminal's table and `compare.json`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a compensation, an export and a verification print, and verify.json."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """A fleet: fleet.json (sessions, arms, effects they share, learnt priors), its tables, sentences and page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import starmap
 from pathlib import Path

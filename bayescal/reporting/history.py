@@ -1,7 +1,5 @@
 """history.json and its page: parameters of an arm over time, and when to calibrate again."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 Whose error it is in images: ``images`` of the records, lines of the terminal, a table of the page.
 """
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version

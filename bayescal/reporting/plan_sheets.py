@@ -1,7 +1,5 @@
 """A plan in tables and sentences, for the terminal and for the page: cost, benefit, limits."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Numbers with their units as text, and tables of the terminal in which no figure is ever cut off."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any

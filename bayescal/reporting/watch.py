@@ -1,7 +1,5 @@
 """A session that was watched: a line for each event, `watch.json`, `watch.csv` and `watch.png`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

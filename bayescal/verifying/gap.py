@@ -1,7 +1,5 @@
 """Validation measurements replayed in the simulator: its difference from the machine, before and after."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -5,8 +5,6 @@ controller of the log. What an arm file cannot hold, such as friction that grows
 the motion of the simulation before: after a few simulations both agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

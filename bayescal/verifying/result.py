@@ -4,8 +4,6 @@ An MJCF file stands in MuJoCo; of a URDF the kinematics of its constant geometry
 in Pinocchio.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -360,8 +360,7 @@ class Level:
 
 def chosen(arm: FittedArm) -> np.ndarray:
     """Rows of the session whose poses are compared: evenly spread, without outliers."""
-    ids = np.array(arm.dataset.measurements.ids)
-    rows = np.flatnonzero(~np.isin(ids, arm.rejected))
+    rows = np.flatnonzero(~np.isin(np.array(arm.dataset.measurements.ids), arm.rejected))
     return rows[np.unique(np.linspace(0, len(rows) - 1, POSES).round().astype(int))]
 
 

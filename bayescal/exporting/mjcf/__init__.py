@@ -3,8 +3,6 @@
 The table of the script has the law of the readings, which the model beside a script does not have.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

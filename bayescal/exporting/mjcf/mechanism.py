@@ -1,7 +1,5 @@
 """The fitted arm as a mechanism, bodies in series with their hinges, springs and masses, and its elements."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -211,8 +209,7 @@ def poses(content: Content, law: Law) -> list[np.ndarray]:
 
 def _load(content: Content, number: int, tool: Tool) -> Load:
     """A tool with its fitted offset and the fitted payload."""
-    m = content.arm.model.scene.dataset.measurements
-    rows = np.flatnonzero(m.tool == number)
+    rows = np.flatnonzero(content.arm.model.scene.dataset.measurements.tool == number)
     row = content.row if content.row in rows or not len(rows) else int(rows[-1])
     shift = content.constants(row)[-1]
     fitted = {p.name.rpartition(":")[2].removeprefix("payload "): v for p, v in content.driven("mass")}

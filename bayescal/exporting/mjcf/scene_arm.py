@@ -3,8 +3,6 @@
 The arm is its joints from its base to the tip, and the elements of their bodies.
 """
 
-from __future__ import annotations
-
 import copy
 import os
 import warnings

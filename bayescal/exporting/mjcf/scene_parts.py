@@ -4,8 +4,6 @@ Parts of an earlier export are taken out before; after, added parts get names th
 its keyframes the positions of more joints.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping

@@ -3,8 +3,6 @@
 An edit takes the `Scene`, and returns what a user should know of it, if anything.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

@@ -1,7 +1,5 @@
 """Figures of estimates: validation errors by distance and model level, parameters, and their posterior."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

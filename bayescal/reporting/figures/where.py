@@ -7,8 +7,6 @@ Probabilities of effects and of sets of effects, of a diagnosis.
 Components of an uncertainty budget by their contribution.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Tables of a fit, of the entries of its record: for the terminal and for the page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """Files beside fit.json: uncertainty budgets (also as a table of the terminal), and `posterior.nc`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The run folder of a fit: `fit.json`, units in the keys, by the output contract, and the files beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The terminal's summary of a fit: verdict, predicted error, next step; then tables; then details."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

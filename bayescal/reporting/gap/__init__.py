@@ -1,7 +1,5 @@
 """Tables of a diagnosis and next.csv, of the entries of its record, and how these are written as text."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from bayescal.dataset.table import csv_text, joint_columns

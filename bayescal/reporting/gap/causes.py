@@ -1,7 +1,5 @@
 """What an unmodelled error shows and what to inspect, and amplitudes of named effects: text and entries."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The verdict of a diagnosis as text: location (site and dependence) first, then the effect."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The run folder of a diagnosis: `gap.json`, by the output contract, and the files beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The terminal summary of a diagnosis: size, location, effect, improvement, next measurements."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Pages are `gap.html` and `report.html`; a section is a function of the run.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 

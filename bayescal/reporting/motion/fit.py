@@ -5,8 +5,6 @@ What is printed of an exported arm of a joint log, and of its verification.
 Motions that are to be logged next: record, table, and the files of commands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """gap.json of a joint log, by the output contract, and its folder."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

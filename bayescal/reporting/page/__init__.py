@@ -6,8 +6,6 @@ permits nothing from outside. Of Plotly only the JavaScript file of the package 
 hash that the policy permits: `plotly.graph_objects` is slow to import and not needed.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

@@ -4,8 +4,6 @@ Several runs side by side: verdicts, distance errors, parameters with their diff
 as PDF, printed by a Chromium or Chrome that is installed.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

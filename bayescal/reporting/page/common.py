@@ -1,7 +1,5 @@
 """Sections of several pages: arm and contacts in 3-D, residuals, budget, inputs; data of the script."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of a calibration, `report.html`: its sections, each a function of the run."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Callable, Iterator

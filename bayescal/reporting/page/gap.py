@@ -1,7 +1,5 @@
 """The page of a diagnosis, `gap.html`: its sections, each a function of the run."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """The run folder of a plan: plan.json, by the output contract, plan.csv, and plan.html."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
