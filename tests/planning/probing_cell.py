@@ -69,14 +69,14 @@ class Arm:
         def off(q):
             pose = self.flange(q)
             spin = Rotation.from_matrix(turn @ np.swapaxes(pose[:, :3, :3], 1, 2)).as_rotvec()
-            return np.concatenate([at - self.ball(q), 0.3 * spin], axis=1)
+            ball = pose[:, :3, :3] @ self.tool + pose[:, :3, 3]
+            return np.concatenate([at - ball, 0.3 * spin], axis=1)
 
         for _ in range(20):
-            here = off(q[None])[0]
+            here, *beside = off(q + 1e-7 * np.eye(7, 6, -1))
             if np.abs(here).max() < 1e-12:
                 break
-            slopes = (off(q + 1e-7 * np.eye(6)) - here).T / 1e-7
-            q = q - np.linalg.solve(slopes, here)
+            q = q - np.linalg.solve((np.array(beside) - here).T / 1e-7, here)
         return q
 
     def line(self, begin: np.ndarray, end: np.ndarray, shares: np.ndarray) -> np.ndarray:
