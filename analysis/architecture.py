@@ -15,6 +15,7 @@ import io
 import tokenize
 from collections import Counter
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -97,6 +98,7 @@ def reduced(pairs: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
     for a, b in pairs:
         below.setdefault(a, set()).add(b)
 
+    @cache
     def reach(room: str) -> set[str]:
         return {deeper for b in below.get(room, ()) for deeper in (b, *reach(b))}
 

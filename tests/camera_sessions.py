@@ -46,9 +46,10 @@ def camera_session(
         angles = link_angles(robot, reading)
         tool = frames(chain, angles + zeros)[:, -1] @ ON_FLANGE
         seen = np.linalg.inv(tool) @ fixed if mount == "flange" else np.linalg.inv(fixed) @ tool
+        reading, seen = reading[facing := seen[:, 2, 2] > 0.6], seen[facing]
         at = np.einsum("nij,kj->nki", seen[:, :3, :3], board) + seen[:, None, :3, 3]
         uv = at[..., :2] / at[..., 2:] * FOCAL + CENTRE
-        good = (at[..., 2].min(axis=1) > 0.2) & (at[..., 2].max(axis=1) < 1.0) & (seen[:, 2, 2] > 0.6)
+        good = (at[..., 2].min(axis=1) > 0.2) & (at[..., 2].max(axis=1) < 1.0)
         good &= np.all((uv > 0) & (uv < SIZE), axis=(1, 2))
         readings += list(reading[good])
         pixels += list(uv[good])

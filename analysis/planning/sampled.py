@@ -154,19 +154,14 @@ def vector(r: np.ndarray) -> np.ndarray:
 def segments(a, b, c, d) -> np.ndarray:
     """Distances (K,) of segments a b from segments c d, each (K, 3): of lines, clamped to both."""
     u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
-    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
+    uu, vv, uv, uw, vw = (np.einsum("ki,ki->k", *pair) for pair in ((u, u), (v, v), (u, v), (u, w), (v, w)))
     det = uu * vv - uv**2
-    best = np.full(np.shape(uu), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
-        inner = np.where(det > 1e-14 * uu * vv, (uv * vw - vv * uw) / det, 0.0)
-        starts = [np.clip(np.nan_to_num(inner), 0, 1), np.zeros_like(uu), np.ones_like(uu)]
-        for s in starts:
-            t = np.clip(np.nan_to_num((uv * s + vw) / vv), 0, 1)
-            s = np.clip(np.nan_to_num((uv * t - uw) / uu), 0, 1)
-            away = w + s[..., None] * u - t[..., None] * v
-            best = np.minimum(best, np.sqrt((away * away).sum(-1)))
-    return best
+        s = np.where(det > 1e-14 * uu * vv, (uv * vw - vv * uw) / det, 0.0)
+        t = np.clip(np.nan_to_num((uv * np.clip(s, 0, 1) + vw) / vv), 0, 1)
+        s = np.clip(np.nan_to_num((uv * t - uw) / uu), 0, 1)
+    away = w + s[:, None] * u - t[:, None] * v
+    return np.sqrt(np.einsum("ki,ki->k", away, away))
 
 
 def from_segment(a, b, c, d, radius) -> np.ndarray:

@@ -1,7 +1,9 @@
 """Joint logs of other programs come back as the session they were written from; assumptions are noted."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -41,11 +43,17 @@ def s():
     return session()
 
 
-@pytest.fixture
-def table(s, tmp_path):
+@pytest.fixture(scope="module")
+def once(s, tmp_path_factory):
     """A plain table of the session."""
     columns = {"t": s.time} | of_joints("q", s.position) | of_joints("dq", s.velocity)
-    return write_csv(tmp_path / "log.csv", columns | of_joints("tau", s.torque))
+    return write_csv(tmp_path_factory.mktemp("log") / "log.csv", columns | of_joints("tau", s.torque))
+
+
+@pytest.fixture
+def table(once, tmp_path):
+    """A copy of the table, for a test to change."""
+    return Path(shutil.copy(once, tmp_path))
 
 
 def imported(request, tmp_path):
