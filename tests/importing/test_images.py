@@ -2,7 +2,6 @@
 
 import shlex
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from bayescal.dataset import Target, read_dataset, write_dataset
 from bayescal.dataset.table import joint_columns
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
-from bayescal.importing import images as detection
 from bayescal.reporting.page.plan import commands
 
 cv2 = pytest.importorskip("cv2")
@@ -39,21 +37,6 @@ def checkered():
 def made(tmp_path_factory):
     """A folder of images for each mount, with their joint readings."""
     return rendered(tmp_path_factory.mktemp("images"), drawn(), FIXED)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _detected_once():
-    """Corners in the same files are looked for once: half of the time of these tests."""
-    known, plain = {}, detection._detected
-
-    def detected(cv2, files, board, request, *pixels):
-        key = (request.board, *pixels, *(path.read_bytes() for path in files.values()))
-        size, seen, how = known[key] = known.get(key) or plain(cv2, files, board, request, *pixels)
-        return size, [replace(f, name=name) for f, name in zip(seen, files, strict=True)], how
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detection, "_detected", detected)
-        yield
 
 
 def rendered(place, board, mounts, margin=0.0, images=14):
