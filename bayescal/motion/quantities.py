@@ -23,6 +23,7 @@ from bayescal.motion.effects import BASE, LOG, TOOL, Form, FormColumn, Scale, Wa
 from bayescal.motion.settings import CELLS, FORMS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
+from bayescal.statistics import grouped
 
 UNKNOWN = "unknown"
 
@@ -48,6 +49,11 @@ class Ranges:
         self.angle = bounds([s.q for s in parts])  # (2, n)
         self.speed = bounds([s.dq for s in parts])
         self.time = bounds([s.time for s in parts])  # (2,)
+        by_role = grouped((s.role, s.time) for s in parts)
+        self.usual_times = {
+            role: np.mean(smooth(np.concatenate(times), self.time, CELLS.time_waves), axis=1)
+            for role, times in by_role.items()
+        }
         count = min(len(parts), CELLS.groups)
         self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
         loads, powers = [], []
@@ -123,8 +129,9 @@ def cells(s: Signals, model: Operating, scale: Scale, r: Ranges) -> Iterator[For
                 where = f"{np.rad2deg(centre):.0f} deg, width {np.rad2deg(width):.0f} deg"
                 yield from cell(j, "angle, one place", [bump, bump * direction], where)
     form = Form(UNKNOWN, LOG, "rate of torque times time")  # errors of the clock, in all joints
+    # motions of one role are alike: those of another may differ in their rate of friction, without any drift
     for k, f in enumerate(times):
-        yield form, form.term("s", CELLS.clock, part=str(k)), later * f[:, None]
+        yield form, form.term("s", CELLS.clock, part=str(k)), later * (f - r.usual_times[s.role][k])[:, None]
     form = Form(UNKNOWN, BASE, "turning of the base")  # an angular acceleration of what carries the arm
     still = s.q, np.zeros_like(s.q), np.zeros_like(s.q)
     for name, axis in zip("xyz", np.eye(3), strict=True):

@@ -8,6 +8,7 @@ import pytest
 from bayescal.motion.diagnose import TO_DO, to_do
 from bayescal.motion.effects import Form, Scale
 from bayescal.motion.quantities import UNKNOWN, Ranges, cells
+from bayescal.motion.signals import derivative
 from bayescal.preparing.next_motions import Bounds, MotionPlan
 from bayescal.reporting.motion.fit import plan_record
 
@@ -42,6 +43,19 @@ def test_every_general_function_has_a_line_of_its_own(null_estimate):
     assert len(forms) > 20
     parts = [part for part, _ in TO_DO[:-1]]
     assert [f.driver for f in forms if not any(re.search(rf"\b{p}\b", f.driver) for p in parts)] == []
+
+
+@pytest.mark.parametrize("role", ["calibrate", "validate"])
+def test_motions_of_one_role_whose_torques_are_all_late_are_no_drift_of_the_clock(null_estimate, role):
+    at, scale = null_estimate.model, Scale(null_estimate.rms, abs(null_estimate.model.coulomb), 0.0)
+    ranges, share = Ranges(null_estimate.parts, at), []
+    for s in (s for s in null_estimate.parts if s.role == role):
+        rate = derivative(at.torque(s), s.step)
+        by = [x for form, _, x in cells(s, at, scale, ranges) if form.driver == "rate of torque times time"]
+        share.append([x[:, 0] / rate[:, 0] for x in by])
+    function = np.concatenate(share, axis=1)
+    assert np.mean(function, axis=1) == pytest.approx(0.0, abs=1e-9)
+    assert np.ptp(function[0]) > 0.2
 
 
 def test_the_bounds_of_a_plan_are_stated_in_degrees(null_estimate):
