@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bayescal.assess.findings import FAR
 from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.beside import beside, simplified
 from bayescal.motion.controller import with_torques
 from bayescal.motion.effects import EFFECTS, Form
-from bayescal.motion.estimate import Estimate, estimate_of, noise_about
+from bayescal.motion.estimate import Estimate, contradicted, estimate_of, noise_about
 from bayescal.motion.expected import Expected, expected_of
 from bayescal.motion.linear import Fit, Normal, joined, normal
 from bayescal.motion.pool import Pool
@@ -201,6 +202,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
     model = named_arm(estimate, search.fit(), pool.scale)
+    far = [n for n, z in zip(named.names, named.z, strict=True) if n in whole.base and abs(z) > FAR]
     score = np.array([h.score for h in hypotheses])
     weight = np.exp(score - np.max(score))
     ranked = zip(hypotheses[: VERDICT.listed], weight / np.sum(weight), strict=False)
@@ -215,7 +217,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         advice=tuple(advice(pool, verdict)),
         values=named.values,
         u=named.u,
-        warnings=estimate.limits,
+        warnings=(*estimate.limits, *contradicted(far)),
         model=model,
         arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
     )

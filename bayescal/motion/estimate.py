@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.assess.findings import FAR
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
 from bayescal.motion.controller import with_controller, with_torques
@@ -26,6 +27,13 @@ from bayescal.motion.terms import (
     nominal,
     residuals,
 )
+
+
+def contradicted(names: Sequence[str]) -> list[str]:
+    """A sentence on parameters (their names) that are far from what is stated, if there are any."""
+    text = f"more than {FAR:.0f} prior standard deviations from nominal, which pulls the estimate"
+    correct = "correct what dataset.yaml and the robot file state, or its u"
+    return [f"{', '.join(names)}: {text}; {correct}"] if names else []
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from bayescal.exporting.log_arm import LogExport
 from bayescal.logs.schema import commands_text
 from bayescal.motion.calibrate import MotionFit
 from bayescal.motion.diagnose import Tracking
+from bayescal.motion.estimate import contradicted
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.together import Together
 from bayescal.posterior.inference import Record, save
@@ -90,10 +91,8 @@ def doubts(fit: MotionFit) -> list[str]:
 
 def _warnings_of(fit: MotionFit) -> list[str]:
     """Parameters far from their priors, chains that disagree, and what is not written."""
-    out = []
-    if far := [p.name for p in fit.parameters if abs(p.estimate - p.nominal) > FAR * p.prior_sd]:
-        text = f"more than {FAR:.0f} prior standard deviations from nominal, which pulls the estimate"
-        out.append(f"{', '.join(far)}: {text}; correct what dataset.yaml and the robot file state, or its u")
+    far = [p.name for p in fit.parameters if abs(p.estimate - p.nominal) > FAR * p.prior_sd]
+    out = contradicted(far)
     if fit.r_hat > CALIBRATION.r_hat:
         out.append(f"chains of the sampler disagree (R-hat {fit.r_hat:.2f}): u of parameters may be wrong")
     if fit.mechanism.coupled:
