@@ -154,8 +154,14 @@ def test_drift_of_one_joint_is_that_of_the_joint_and_of_all_that_of_the_arm(benc
     assert all(v.site == "" for v in every if isinstance(v.setting, str))
     for site, of in (("joint 4", "joint 4"), ("", "")):
         there = bench.of_effect("thermal-drift", STRONG, seed=3, site=site)
-        (member,) = bench.decided(bench.made_up(31, there))[0].members
+        decision = bench.decided(bench.made_up(31, there))[0]
+        (member,) = decision.members
         assert (member.effect, member.variant.site) == ("thermal-drift", of)
+    common, *parts = (w for w in bench.places(decision) if w.explained_by)
+    assert str(common.site) == "arm"
+    assert common.log_evidence > max(
+        w.log_evidence for w in parts
+    )  # of all sites, not of the growth of lengths alone
 
 
 def test_what_comes_after_a_first_name_is_less_likely(bench):

@@ -215,7 +215,7 @@ def places_named(hypothesis: Hypothesis, named: Sequence[Parameter], scale: Scal
         groups = grouped(((named[k].site, named[k].driver), k) for k in columns_of)
         drivers = {driver for _, driver in groups}
         if len(groups) > 1 and len(drivers) == 1:  # a common cause at all joints is listed before its parts
-            groups = {(ARM, drivers.pop()): columns_of} | groups
+            groups = {(ARM, drivers.pop()): columns_of} | {g: k for g, k in groups.items() if g[0] != ARM}
         mine = []
         for (site, driver), index in groups.items():
             without, parameters = state.without(np.array(index)), [named[k] for k in index]
