@@ -43,10 +43,10 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         credible = () if kind == "null" else tuple(n for n in credible if n != "null")
         credible = (COMPLIANCE, *credible)
         kind = {"null": "named", "unknown": "named+unexplained", "class": "named+unexplained"}.get(kind, kind)
-    for name in sorted(d.withheld):  # what a name that validation refuses loses is an unmodelled effect's
-        lost = max(probability[name] - VERDICT.not_admitted, 0.0)
-        probability["unknown"] = min(probability["unknown"] + lost, 1.0)
-    probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
+    # what a name may not have is an unmodelled effect's
+    limited = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
+    lost = sum(probability.values()) - sum(limited.values())
+    probability = limited | {"unknown": min(limited["unknown"] + lost, 1.0)}
     named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
     kind = settled(kind, bool(named), probability)
     scene = e.fitted.model.scene
@@ -96,9 +96,11 @@ def events_of(e: Examined) -> Mapping[str, tuple[Event, ...]]:
 def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:
     """The leading effect, those that may be in its place, and an unmodelled one."""
     best = d.weighed[0]
-    leader = best.related.member if best.related else best.hypothesis.members[0]
+    series = () if best.related else best.hypothesis.series
+    leader = best.related.member if best.related else (*series, *best.hypothesis.members)[0]
     instead = {leader.effect} | {n for w in d.weighed if leader.effect not in w.effects for n in w.names}
     instead -= {m.effect for m in best.hypothesis.members if m is not leader}
+    instead |= {m.effect for m in series}
     likely = sorted(instead, key=lambda n: (-probability[n], n))
     members = {n: probability[n] for n in likely if n == leader.effect or probability[n] >= VERDICT.fewest}
     sites = tuple(dict.fromkeys(site for site, _ in leader.variant.places))
@@ -129,7 +131,7 @@ def _most(name: str, kind: str, d: Decision) -> float:
     if name in d.withheld:
         return VERDICT.not_admitted
     if kind not in ("named+unexplained", "class", "unknown"):
-        return 1.0
+        return VERDICT.beside_unmodelled if name in d.replaced else 1.0
     explained = d.explained if name in d.weighed[0].names else 1.0
     return float(np.clip(explained, 0.0, VERDICT.beside_unmodelled))
 

@@ -167,11 +167,20 @@ def _admitted(
     # beside an unmodelled effect, what a name explains may be part of that effect
     complete = d.kind == "named"
     tested = confirmed(
-        d.members, fitted, before, lambda m: complete and d.probability[m.effect] > VERDICT.certain
+        d.members,
+        fitted,
+        before,
+        lambda m: complete and d.probability[m.effect] > VERDICT.certain,
+        e.search.instead,
     )
     notes = [f"{a.member.effect} {a.words}; it is not named" for a in tested.withheld]
     notes += [f"{a.member.effect} {a.words}; no reduction of errors is claimed" for a in tested.unclaimed]
-    kind = d.kind
+    c = e.candidates
+    notes += [
+        f"{model_name(a.member, c)} {a.words}; in the form {model_name(m, c)} it does not"
+        for a, m in tested.replaced
+    ]
+    kind, changed = d.kind, tested.withheld or tested.replaced
     if tested.withheld:
         alone = len(d.weighed[0].names) == 1
         refused = "class" if alone else "ambiguous"
@@ -184,10 +193,11 @@ def _admitted(
     d = replace(
         d,
         kind=kind,
-        hypothesis=e.search.hypothesis(tested.members) if tested.withheld else d.hypothesis,
+        hypothesis=e.search.hypothesis(tested.members) if changed else d.hypothesis,
         footnotes=(*d.footnotes, *notes),
         unclaimed=frozenset(a.member.effect for a in tested.unclaimed),
         withheld=frozenset(a.member.effect for a in tested.withheld),
+        replaced=frozenset(m.effect for _, m in tested.replaced),
     )
     return replace(e, decision=d), tested.fitted, tested.errors
 

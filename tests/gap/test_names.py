@@ -15,11 +15,11 @@ import bayescal as bc
 from bayescal.effects import EFFECTS, Parameter, confusable, parameters_of
 from bayescal.effects.location import PROBE, TOOL, Driver, Site, joint, length, magnitude, phase, propagated
 from bayescal.effects.vocabulary import same_terms
-from bayescal.gap.concluded import hypotheticals
+from bayescal.gap.concluded import _causes, hypotheticals
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.statements import amplitudes, displaced, increased, phase_shown, play_or_late
-from bayescal.gap.result import Amplitude, Named
+from bayescal.gap.result import OTHER, Amplitude, Named
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
 from bayescal.gap.search.makers import Cell
@@ -50,10 +50,35 @@ ALIKE = ("hardening", "hysteresis")
 
 def weighed(*names, probability=0.0, score=0.0, cell=False):
     """A set of effects without a fit, perhaps with an unmodelled effect."""
-    places = {n: ((TOOL if n == "step" else PROBE, None),) for n in names}
+    places = {n: ((TOOL if n == "step" else PROBE, Driver(n)),) for n in names}
     members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0, places[n]), 1.0, 0.0) for n in names)
     found = CellFit(0, 1.0, 0, 1.0) if cell else None
     return Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
+
+
+@pytest.mark.parametrize(
+    ("other", "kind", "members"),
+    [
+        (Driver("angle", 3, order=1.0), "class", {"encoder-scale", "eccentricity", OTHER}),
+        (Driver("angle", 4, order=1.0), "named", set()),
+    ],
+)
+def test_two_effects_along_one_coordinate_of_a_site_are_a_class(other, kind, members):
+    """Together they fit any error by it, whatever their probabilities."""
+    places = (joint(3), Driver("angle", 3)), (joint(other.joint), other)
+    variants = (
+        Variant(n, None, (place[0],), np.zeros(0, int), 0.0, (place,))
+        for n, place in zip(("encoder-scale", "eccentricity"), places, strict=True)
+    )
+    best = replace(
+        weighed(probability=0.99),
+        hypothesis=Hypothesis(tuple(Member(v, 1.0, 0.0) for v in variants), None, 0.0, 0.0),
+    )
+    p = probabilities([best], best.names)
+    found, names = verdict_of([best], p)
+    assert (found, names) == (kind, best.names)
+    d = SimpleNamespace(weighed=(best,))
+    assert kind == "named" or set(_causes(d, p).members) == members
 
 
 def test_an_effect_too_small_to_be_seen_is_the_set_without_it():

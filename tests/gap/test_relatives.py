@@ -160,9 +160,10 @@ def test_beside_an_unmodelled_effect_a_name_has_no_more_than_the_share_that_it_e
 ):
     """Only names of the leading explanation: another one, or compliance named before, keeps its own."""
     best = SimpleNamespace(names=("backlash",))
-    d = SimpleNamespace(weighed=(best,), explained=explained, withheld=frozenset())
+    d = SimpleNamespace(weighed=(best,), explained=explained, withheld=frozenset(), replaced={"step"})
     assert (_most("backlash", kind, d), _most("compliance", kind, d)) == shares
     assert _most("unknown", kind, d) == 1.0
+    assert _most("step", kind, d) == 0.85  # the evidence is that of a form which validation data refuse
 
 
 def test_quantities_of_the_joints_of_a_name_have_half_of_the_prior():

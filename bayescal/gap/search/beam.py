@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,7 +16,7 @@ from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, pro
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.candidates import Candidates, Variant
-from bayescal.gap.settings import SEARCH
+from bayescal.gap.settings import SEARCH, VERDICT
 
 COMPLIANCE = "compliance"
 
@@ -52,6 +54,15 @@ class Hypothesis:
     def unseen(self) -> float:
         """Share of the evidence, of sizes of the last effect that these data would not show."""
         return self.members[-1].unseen if self.members else 0.0
+
+    @property
+    def series(self) -> tuple[Member, ...]:
+        """Effects that share all their sites and coordinates with others: terms that fit any function."""
+        places = [{(site, driver.course) for site, driver in m.variant.places} for m in self.members]
+        count = Counter(itertools.chain.from_iterable(places))
+        return tuple(
+            m for m, of in zip(self.members, places, strict=True) if of and all(count[one] > 1 for one in of)
+        )
 
     @property
     def score(self) -> float:
@@ -147,6 +158,18 @@ class Search:
             unseen = float(np.sum(np.exp(small[of_effect] + prior - gain)))
             out[name] = Scored(Member(variants[i], float(SCALES[k]), gain - best, unseen), gain, others)
         return out
+
+    def instead(self, members: Sequence[Member], member: Member) -> tuple[Member, ...]:
+        """Other forms of an effect that the measurements show beside the others, each by itself."""
+        others = [m for m in members if m is not member]
+        without = self.hypothesis(others).state
+        scored = self.additions(without, [m.effect for m in others])[member.effect]
+        score = {
+            m: self.hypothesis((*others, m)).state.log_evidence + m.variant.log_prior
+            for m in (scored.member, *scored.others)
+            if m.variant is not member.variant
+        }
+        return tuple(m for m in score if score[m] - without.log_evidence > VERDICT.kept)
 
     @cached_property
     def _bank(self) -> Bank:

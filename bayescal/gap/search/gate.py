@@ -78,10 +78,15 @@ class Confirmed:
     errors: ValidationErrors
     withheld: tuple[Aside, ...]
     unclaimed: tuple[Aside, ...] = ()  # of members that are certain
+    replaced: tuple[tuple[Aside, Any], ...] = ()  # what fails, and a member that is the same effect otherwise
 
 
 def confirmed(
-    members: Sequence[Any], refit: Refit, before: Tests, certain: Callable[[Any], bool] = lambda member: False
+    members: Sequence[Any],
+    refit: Refit,
+    before: Tests,
+    certain: Callable[[Any], bool] = lambda member: False,
+    instead: Callable[[Sequence[Any], Any], Sequence[Any]] = lambda members, member: (),
 ) -> Confirmed:
     """Withhold effects until each of the others passes both tests by validation data.
 
@@ -90,7 +95,7 @@ def confirmed(
     much, it is the one whose removal helps most. A certain effect stays a member, because the calibration
     data prove it: it only does not extrapolate to the validation data. The others are then tested without it.
     An effect without which the others cannot be fitted passes. Where all of them cannot be fitted, the last
-    is withheld.
+    is withheld. An effect that fails is first replaced by the form, if any, by which validation data gain.
 
     Parameters
     ----------
@@ -103,9 +108,12 @@ def confirmed(
         Without any of them.
     certain : callable
         Whether an effect is certain by the calibration data.
+    instead : callable
+        Other forms of one of some effects that the calibration data do not exclude.
     """
     tested: tuple[Any, ...] = tuple(members)
     aside: list[Aside] = []
+    replaced: list[tuple[Aside, Any]] = []
     while tested:
         errors = _errors(refit, tested)
         if isinstance(errors, BayescalError):
@@ -122,6 +130,12 @@ def confirmed(
         if not failing and all_of_them <= GATE.loss:
             break
         k = max(failing or range(len(alone)), key=lambda k: alone[k].cost)
+        first = failing and all(tested[k] is not new for _, new in replaced)
+        new = _otherwise(tested, k, before, refit, instead) if first else None
+        if new is not None:
+            replaced.append((alone[k], new))
+            members, tested = (tuple(new if m is tested[k] else m for m in of) for of in (members, tested))
+            continue
         aside.append(alone[k] if failing else replace(alone[k], cost=all_of_them))
         tested = subsets[k]
     withheld = tuple(a for a in aside if a.refused or not certain(a.member))
@@ -132,7 +146,21 @@ def confirmed(
         unclaimed = tuple(a for a in unclaimed if a.member is not kept[-1])
         kept = kept[:-1]
     fitted, errors = refit(kept)
-    return Confirmed(kept, fitted, errors[0], withheld, unclaimed)
+    used = tuple((a, new) for a, new in replaced if any(new is m for m in kept))
+    return Confirmed(kept, fitted, errors[0], withheld, unclaimed, used)
+
+
+def _otherwise(
+    tested: tuple[Any, ...], k: int, before: Tests, refit: Refit, instead: Callable[..., Sequence[Any]]
+) -> Any | None:
+    """The form of the k-th effect by which validation data gain most beside the others, if by any."""
+    less, best = _errors(refit, tested[:k] + tested[k + 1 :]), Aside(None, 0.0, UNTESTED)
+    for member in instead(tested, tested[k]):
+        more = _errors(refit, (*tested[:k], member, *tested[k + 1 :]))
+        if not isinstance(more, BayescalError):
+            one = _alone(member, before, less, more)
+            best = best if one.share.missing else min(best, one, key=lambda a: a.cost)
+    return best.member
 
 
 def _errors(refit: Refit, members: Sequence[Any]) -> Tests | BayescalError:

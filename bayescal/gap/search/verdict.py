@@ -66,6 +66,7 @@ class Decision:
     footnotes: tuple[str, ...]
     unclaimed: frozenset[str] = frozenset()  # named effects that validation data do not confirm
     withheld: frozenset[str] = frozenset()  # effects that validation data do not admit
+    replaced: frozenset[str] = frozenset()  # named effects that validation data admit in another form only
     explained: float = 1.0  # share of the nats of names and an unmodelled effect that the names explain
 
     @property
@@ -244,6 +245,8 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
     if best.cell is not None:
         return "named+unexplained", sure
     if len(sure) == len(best.names) and not level(weighed, probability):
+        if best.hypothesis.series:
+            return "class", sure
         return ("named+unexplained" if further(weighed) >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
 
