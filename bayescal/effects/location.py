@@ -190,6 +190,8 @@ class Driver:
 
 
 CONSTANT = Driver("constant")
+FOLDED = 6.0
+"""Periods per revolution, or per metre, beyond which an error is shown over its phase."""
 
 Found = Coordinate | None
 
@@ -209,6 +211,12 @@ def _shown(joint: int, c: Circumstances, readings: np.ndarray) -> tuple[str, np.
 
 
 def _angle(d: Driver, site: Site, c: Circumstances) -> Found:
+    """The reading, or its phase in a period of which there are too many for bins of the reading."""
+    if d.order > FOLDED:
+        turns = c.readings[:, d.joint - 1] * d.order * (1.0 if d.kind == "position" else 0.5 / np.pi)
+        per = "metre" if d.kind == "position" else "revolution"
+        name = f"phase of joint {d.joint}, {d.order:g} periods per {per}"
+        return Coordinate(name, "deg", 360.0 * (turns % 1.0))
     return Coordinate(f"reading of joint {d.joint}", *_shown(d.joint, c, c.readings))
 
 

@@ -325,6 +325,8 @@ def test_coordinates_are_those_of_the_session(given):
     row = np.arange(1.0, len(c.q) + 1)
     for driver, site, label, values in (
         (Driver("angle", 4, 2.0), joint(4), "reading of joint 4 (deg)", np.degrees(c.readings[:, 3])),
+        (Driver("angle", 4, 160.0), joint(4), "phase of joint 4, 160 periods per revolution (deg)",
+         np.degrees(160.0 * c.readings[:, 3]) % 360.0),
         (Driver("direction", 2), joint(2), "speed of joint 2 (deg/s)", np.degrees(c.velocity[:, 1])),
         (Driver("torque", 3, form="sign"), joint(3), "gravity torque on joint 3 (N m)", c.moments[:, 3, 2]),
         (Driver("torque", 3, form="past"), joint(3), "", row),
@@ -336,7 +338,7 @@ def test_coordinates_are_those_of_the_session(given):
     ):  # fmt: skip
         found = driver.coordinate(site, c)
         assert found.label == label
-        np.testing.assert_array_equal(found.values, values)
+        np.testing.assert_allclose(found.values, values)
 
 
 def test_effects_and_cells_are_told_in_known_kinds(given):
