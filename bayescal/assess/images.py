@@ -102,7 +102,8 @@ def _of(fitted: Estimate, block: Posed, kind: Camera) -> Images:
         lengths = np.linalg.norm((moved * in_px).reshape(kind.rows, -1), axis=0)
         parts.append(Part(name, rms, u, float(every.max(initial=0)), float(lengths.max(initial=0))))
     parts.sort(key=lambda p: -p.rms)
-    noise = float(np.median(block.sigma / kind.scale)) * fitted.weights.scale[block.group]
+    stated = float(np.median(block.sigma / kind.scale))  # few images are blurred
+    noise = stated * fitted.weights.scale[block.group]
     return Images(block.target, len(np.unique(block.images[1][kept])), count, noise, tuple(parts))
 
 

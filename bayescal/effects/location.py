@@ -191,7 +191,7 @@ class Driver:
 
 CONSTANT = Driver("constant")
 FOLDED = 6.0
-"""Periods per revolution, or per metre, beyond which an error is shown over its phase."""
+"""Periods per revolution, or per metre, beyond which an error is shown over its phase (assumed)."""
 
 Found = Coordinate | None
 
@@ -211,9 +211,14 @@ def _shown(joint: int, c: Circumstances, readings: np.ndarray) -> tuple[str, np.
 
 
 def _angle(d: Driver, site: Site, c: Circumstances) -> Found:
-    """The reading, or its phase in a period of which there are too many for bins of the reading."""
+    """The reading, or a phase where there are too many periods for bins of the reading.
+
+    It is that of an amplitude: by the reading; of coupled joints by their angle without its offset.
+    """
     if d.order > FOLDED:
-        turns = c.readings[:, d.joint - 1] * d.order * (1.0 if d.kind == "position" else 0.5 / np.pi)
+        row = c.robot.link_from_reading[d.joint - 1]
+        angle = c.readings @ (row if np.count_nonzero(row) > 1 else np.abs(row))
+        turns = angle * d.order * (1.0 if d.kind == "position" else 0.5 / np.pi)
         per = "metre" if d.kind == "position" else "revolution"
         name = f"phase of joint {d.joint}, {d.order:g} periods per {per}"
         return Coordinate(name, "deg", 360.0 * (turns % 1.0))

@@ -232,7 +232,8 @@ def _at_contact(arm: FittedArm, lost: np.ndarray, rows: np.ndarray) -> tuple[flo
     changed = lost[index]
     if not np.any(changed):
         return float("nan"), float("nan")
-    return _lengths(arm.values[index[changed]] @ drivers[changed, 0][:, rows][None])
+    off = arm.values[index[changed]] @ drivers[changed, 0][:, rows]
+    return _lengths(off[None])
 
 
 def _why(parameters: Sequence[Parameter], lost: np.ndarray, format_: Format) -> str:

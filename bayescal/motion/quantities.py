@@ -129,7 +129,7 @@ def cells(s: Signals, model: Operating, scale: Scale, r: Ranges) -> Iterator[For
                 where = f"{np.rad2deg(centre):.0f} deg, width {np.rad2deg(width):.0f} deg"
                 yield from cell(j, "angle, one place", [bump, bump * direction], where)
     form = Form(UNKNOWN, LOG, "rate of torque times time")  # errors of the clock, in all joints
-    # motions of one role are alike: those of another may differ in their rate of friction, without any drift
+    # torques that are early in motions of one role only are no drift: friction leads where motions are others
     for k, f in enumerate(times):
         yield form, form.term("s", CELLS.clock, part=str(k)), later * (f - r.usual_times[s.role][k])[:, None]
     form = Form(UNKNOWN, BASE, "turning of the base")  # an angular acceleration of what carries the arm

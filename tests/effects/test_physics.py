@@ -17,6 +17,7 @@ from bayescal.effects.compliance import typical
 from bayescal.effects.location import Driver
 from bayescal.model import build
 from bayescal.model.scene import Scene
+from bayescal.statistics import grouped
 
 
 def drivers(dataset, effect):
@@ -534,3 +535,17 @@ def test_an_arm_cools_while_it_rests_and_warms_up_again():
     for s in share[:-1]:
         warmth.append(warmth[-1] + step * (float(not 0.4 <= s < 0.55) - warmth[-1]) / 0.3)
     np.testing.assert_allclose(heated(share, 0.4, 0.55, 0.3), warmth, atol=1e-3)
+
+
+@pytest.mark.parametrize("coupling", [None, "display", "mechanical"])
+def test_waves_of_a_gear_are_shown_over_their_phase(dataset, coupling):
+    """Of coupled axes too, where the angle between the links is no function of one reading."""
+    d = coupled(dataset, coupling) if coupling else dataset
+    c = circumstances(d)
+    waves = grouped(((p.site, p.driver), p) for p in EFFECTS["gear-mesh"].at(c, 50.0))
+    for place, (sine, cosine) in waves.items():
+        (one,), (other,) = sine.terms, cosine.terms
+        shown = np.radians(sine.driver.coordinate(sine.site, c).values)
+        off = np.exp(1j * (np.arctan2(one.driver, other.driver) - shown))
+        against = np.exp(1j * (np.arctan2(one.driver, other.driver) + shown))
+        assert min(np.ptp(off.real), np.ptp(against.real)) < 1e-9, place

@@ -73,12 +73,17 @@ def test_a_name_that_costs_beside_another_that_helps_is_withheld():
     assert found.members == ("play",)
 
 
-@pytest.mark.parametrize(("warm", "kept"), [(-7e-6, "warm"), (1e-6, None)])
-def test_an_effect_that_spoils_the_validation_is_named_in_a_form_that_does_not(warm, kept):
-    """One that costs, if less than an effect may that is no second choice, is not enough."""
+@pytest.mark.parametrize(
+    ("warm", "count", "kept"), [(-7e-6, 1, "warm"), (1e-6, 1, None), (-5e-8, 1, "warm"), (-5e-8, 9, None)]
+)
+def test_an_effect_that_spoils_the_validation_is_named_in_a_form_that_does_not(warm, count, kept):
+    """One that costs is not enough, if less than an effect may that is no second choice.
+
+    Nor is one that gains as much as the best of several does by chance.
+    """
     refit, _ = judged({"drift": 60e-6, "slow": 30e-6, "warm": warm}, {"play": 8e-6})
-    before = (errors(20e-6),)
-    found = confirmed(("drift", "play"), refit, before, instead=lambda members, m: ("slow", "warm"))
+    forms = (*["slow"] * count, "warm")
+    found = confirmed(("drift", "play"), refit, (errors(20e-6),), instead=lambda members, m: forms)
     assert found.members == ((kept, "play") if kept else ("play",))
     assert [(a.member, new) for a, new in found.replaced] == ([("drift", kept)] if kept else [])
     assert [a.member for a in found.withheld] == ([] if kept else ["drift"])

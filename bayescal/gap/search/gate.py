@@ -153,9 +153,13 @@ def confirmed(
 def _otherwise(
     tested: tuple[Any, ...], k: int, before: Tests, refit: Refit, instead: Callable[..., Sequence[Any]]
 ) -> Any | None:
-    """The form of the k-th effect by which validation data gain most beside the others, if by any."""
-    less, best = _errors(refit, tested[:k] + tested[k + 1 :]), Aside(None, 0.0, UNTESTED)
-    for member in instead(tested, tested[k]):
+    """The form of the k-th effect by which validation data gain most beside the others, if by any.
+
+    The best of n forms must gain more than log n: by chance alone one of them gains as much.
+    """
+    less, forms = _errors(refit, tested[:k] + tested[k + 1 :]), instead(tested, tested[k])
+    best = Aside(None, -float(np.log(max(len(forms), 1))), UNTESTED)
+    for member in forms:
         more = _errors(refit, (*tested[:k], member, *tested[k + 1 :]))
         if not isinstance(more, BayescalError):
             one = _alone(member, before, less, more)
