@@ -1,7 +1,8 @@
 """Whose error it is in images: of the arm, the camera, the board, a mount or the clock, each in pixels.
 
 The part of a side is what its estimated parameters change in the images, less what another place of the
-camera and of the board would change: hand-eye and place are estimated anew without it.
+camera and of the board would change: hand-eye and place are estimated anew without it. What calibration
+corrects (geometry, compliance, what is stated of lens and board) is apart from each further effect.
 
 Points of a board that are not where the board is stated to have them, in all images.
 
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.effects import EFFECTS, Parameter, View
+from bayescal.effects import BASELINE, EFFECTS, Parameter, View
 from bayescal.effects.location import BOARD, CAMERA
 from bayescal.errors import listed
 from bayescal.estimate import Estimate, linearise
@@ -28,16 +29,19 @@ SITES = (CAMERA.kind, BOARD.kind)
 """Sites that are sides by themselves; all others are of the arm."""
 PLACE = "tool"
 """Effect of the parameters of hand-eye."""
+CALIBRATED = (*BASELINE, "camera")
+"""Effects of which each parameter is known within its tolerance only: no error of what is measured."""
 
 
 @dataclass(frozen=True)
 class Part:
     """RMS of what one side changes in the images, px, its standard uncertainty, and the largest, px and m.
 
-    Lengths are across the line of sight.
+    By an effect, or "" what calibration corrects. Lengths are across the line of sight.
     """
 
     side: str
+    effect: str
     rms: float
     u: float
     largest: float
@@ -62,7 +66,7 @@ def side(parameter: Parameter) -> str:
 
 
 def images(fitted: Estimate) -> Iterator[Images]:
-    """What every side changes in the images of each camera of a fit, the largest first."""
+    """What every side changes in the images of each camera of a fit, effects and the largest first."""
     for block in fitted.model.blocks:
         if isinstance(block, Posed) and isinstance(block.kind, Camera):
             of_camera = _of(fitted, block, block.kind)
@@ -81,14 +85,14 @@ def _of(fitted: Estimate, block: Posed, kind: Camera) -> Images:
         linear = linearise(model, fitted.z, fitted.weights.apart)
     jacobian, in_px, count = linear.jacobian[mine][both], scale[both], int(np.sum(kept))
     arm = model.slices[ARM]
-    names = [side(p) for p in model.parameters]
+    names = [(side(p), "" if p.effect in CALIBRATED else p.effect) for p in model.parameters]
     free = np.array([p.effect == PLACE for p in model.parameters], bool)
     place = np.concatenate([jacobian[:, arm][:, free], jacobian[:, model.slices[block.target]]], axis=1)
     basis = np.linalg.qr(place[:, np.any(place, axis=0)])[0]
     value = fitted.arm / model.sd
     parts = []
     for name in dict.fromkeys(names):
-        index = np.flatnonzero((np.array(names) == name) & ~free)
+        index = np.flatnonzero([each == name for each in names] & ~free)
         if not len(index):
             continue
         columns = jacobian[:, arm][:, index]
@@ -100,8 +104,8 @@ def _of(fitted: Estimate, block: Posed, kind: Camera) -> Images:
         u = float(np.sqrt(slope @ covariance @ slope))
         every = np.linalg.norm(moved.reshape(kind.rows, -1), axis=0)
         lengths = np.linalg.norm((moved * in_px).reshape(kind.rows, -1), axis=0)
-        parts.append(Part(name, rms, u, float(every.max(initial=0)), float(lengths.max(initial=0))))
-    parts.sort(key=lambda p: -p.rms)
+        parts.append(Part(*name, rms, u, float(every.max(initial=0)), float(lengths.max(initial=0))))
+    parts.sort(key=lambda p: (not p.effect, -p.rms))
     stated = float(np.median(block.sigma / kind.scale))  # few images are blurred
     noise = stated * fitted.weights.scale[block.group]
     return Images(block.target, len(np.unique(block.images[1][kept])), count, noise, tuple(parts))

@@ -126,6 +126,7 @@ FORMS = {
     "places": ("{}, place of each point", "place of each of its points"),
     "one spot": ("{}, one spot", "{}, local"),
     "one region": ("{}, one region", "{}, local"),
+    "masses": ("{}, masses unknown", "{}, masses not stated"),
     "own angle": ("{}, by its angle", "{} times a function of its angle"),
     "other angle": ("{}, by another angle", "{} times a function of another angle"),
     "and angle": ("{}, and its angle", "{} and angle together"),

@@ -16,7 +16,7 @@ import numpy as np
 
 from bayescal.arm.statics import Stance
 from bayescal.dataset import Certificate, Dataset, Target
-from bayescal.dataset.cameras import blur, board, closed_form, is_stated, placed, stated
+from bayescal.dataset.cameras import FEWEST_SHARP, blur, board, closed_form, is_stated, placed, stated
 from bayescal.dataset.contacts import bodies
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import taken
@@ -146,12 +146,32 @@ def as_seen(dataset: Dataset) -> Dataset:
     return out
 
 
+def sighted(dataset: Dataset) -> np.ndarray:
+    """Pose of the board in the camera by the image of each row, (N, 3, 4); nan where few corners tell it."""
+    m, out = dataset.measurements, np.full((len(dataset.measurements.target), 3, 4), np.nan)
+    for t, item in enumerate(dataset.targets):
+        rows = np.flatnonzero(m.target == t)
+        if m.pixel is not None and KINDS[item.kind].posed and len(rows):
+            rows = rows[~np.isnan(m.pixel[rows, 0])]
+            seen, good, _ = closed_form(dataset, t, rows, m.readings)
+            sure = (good & (np.bincount(seen.image) >= FEWEST_SHARP))[seen.image]
+            out[rows[sure]] = seen.poses[seen.image[sure]]
+    return out
+
+
 def views_of(scene: Scene, fitted: np.ndarray) -> tuple[View, ...]:
     """What the cameras of fitted rows see, where the images tell that camera and board are."""
     seen, target = scene.as_seen, scene.dataset.measurements.target
     count = len(target)
     views = tuple(
-        view(seen.dataset.targets[t], replace(camera, scale=kind.scale), rows, seen.nominal(t, rows), count)
+        view(
+            seen.dataset.targets[t],
+            replace(camera, scale=kind.scale),
+            rows,
+            seen.nominal(t, rows),
+            count,
+            scene.sighted[rows],
+        )
         for t in np.unique(target[fitted]).tolist()
         for rows in (np.flatnonzero(target == t),)
         if isinstance(kind := scene.kind(t, rows), Camera)
@@ -160,7 +180,9 @@ def views_of(scene: Scene, fitted: np.ndarray) -> tuple[View, ...]:
     return tuple(replace(v, several=True) for v in views) if len(views) > 1 else views
 
 
-def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int) -> View:
+def view(
+    t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int, sighted: np.ndarray
+) -> View:
     """The view of a camera.
 
     Parameters
@@ -173,12 +195,15 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
         Poses of its tool in these rows.
     count : int
         N rows of the session.
+    sighted : np.ndarray, shape (C, 3, 4)
+        As of `sighted`: the slopes are taken there, since the arm may be rough.
     """
     lens, u, points = kind.lens, stated(t), board(t).points
-    # directions as they were seen: nominal geometry may be rough
+    # directions as they were seen
     xy = lens.directions(kind.pixel.T)
-    in_camera = kind.seen(np.zeros(6), pose)
-    depth = np.maximum(in_camera[2], NEAREST)
+    sure = np.isfinite(sighted[:, 0, 0])
+    depth = np.sum(sighted[:, 2, :3] * kind.corner, axis=1) + sighted[:, 2, 3]
+    depth = np.maximum(np.where(sure, depth, kind.seen(np.zeros(6), pose)[2]), NEAREST)
 
     def spread(by: np.ndarray) -> np.ndarray:
         """Slopes (2, K, C), px, as lengths of all rows, (N, 2, K)."""
@@ -195,6 +220,7 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
     by_camera = np.concatenate([slopes, inward], axis=1)  # (2, 3, C) by a shift in the camera's frame
     axes = np.moveaxis(pose[:, :3], -1, 0)
     to_camera = np.swapaxes(axes, 1, 2) @ kind.frame[:3, :3] if kind.carried else kind.frame[:3, :3].T @ axes
+    to_camera = np.where(sure[:, None, None], sighted[:, :, :3], to_camera)
     board_slopes = spread(np.einsum("ikc,ckj->ijc", by_camera, to_camera))
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
     corner, every, number = np.zeros((count, 1, 2)), np.zeros(count), np.zeros(count, int)
@@ -205,12 +231,13 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
         [1.0 - (corner / half) ** 2, np.prod(corner / half, axis=2, keepdims=True)], axis=2
     )
     by_scale, by_bow = board_slopes[..., :2] * corner, board_slopes[..., 2:] * bends
+    by_scale = np.append(by_scale, board_slopes[..., :1] * corner[..., 1:], axis=2)
     return View(
         t.name, every,
         ImageErrors(("fx", "fy"), "px", spread(focal), u.focal, lens.focal),
         ImageErrors(("cx", "cy"), "px", spread(centre), u.centre, lens.centre),
         ImageErrors(NAMES[lens.model], "1", spread(coefficients), u.coefficients, lens.coefficients),
-        ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, u.scale), of_board=True),
+        ImageErrors(("scale x", "scale y", "skew"), "1", by_scale, np.full(3, u.scale), of_board=True),
         ImageErrors(("bow x", "bow y", "twist"), "m", by_bow, np.full(3, u.flatness), of_board=True),
         number, board_slopes,
     )  # fmt: skip

@@ -23,6 +23,7 @@ from bayescal.model.parts import (
     bodies_of,
     posed_rowwise,
     rowwise,
+    sighted,
     u_of,
     unposed,
     views_of,
@@ -155,6 +156,11 @@ class Scene:
         """The scene whose cameras and boards are where the images tell: slopes of views are taken there."""
         dataset = as_seen(self.dataset)
         return self if dataset is self.dataset else replace(self, dataset=dataset)
+
+    @unposed
+    def sighted(self) -> np.ndarray:
+        """Pose of the board in the camera by the image of each row, (N, 3, 4), or nan."""
+        return sighted(self.dataset)
 
     @unposed
     def in_images(self) -> np.ndarray:

@@ -223,7 +223,7 @@ def _signs(velocity: np.ndarray) -> list[str]:
     return ["".join(row) for row in np.where(np.abs(velocity) < STANDSTILL, "0", moving).tolist()]
 
 
-PART = ("side", "rms_px=rms", "u_px=u", "max_px=largest", "max_mm=length")
+PART = ("side", "effect", "rms_px=rms", "u_px=u", "max_px=largest", "max_mm=length")
 """Fields of ``parts``."""
 
 
@@ -237,7 +237,7 @@ def images_record(estimate: Estimate | None) -> list[dict[str, Any]]:
 
 
 def images_lines(record: Json) -> Facts:
-    """A line for each camera: its sides, the largest first, and its noise."""
+    """A line for each camera: effects and its sides, the largest first, and its noise."""
     for k, (target, *words) in enumerate(_words(record)):
         several = f"{target}: " if len(record["images"]) > 1 else ""
         yield "" if k else "in the images", several + "; ".join(words), ""
@@ -261,19 +261,26 @@ def images_keys(record: Json) -> Iterator[tuple[str, str, str]]:
 
 
 def _words(record: Json) -> Iterator[list[str]]:
-    """Of each camera its target, its sides, the largest first, and its noise."""
+    """Of each camera its target, effects, what calibration corrects, the largest first, and its noise."""
     for camera in record.get("images", ()):
-        parts = [f"{p['side']} {_rms(p)} px" for p in camera["parts"]]
-        if parts:
-            first = camera["parts"][0]
-            parts[0] += f" RMS, at most {first['max_px']:.2g} px or {first['max_mm']:.2g} mm"
-        yield [camera["target"], *parts, f"noise {camera['noise_px']:.2g} px per coordinate"]
+        words, before = [camera["target"]], None
+        for p in camera["parts"]:
+            name = p["side"]
+            if effect := p.get("effect", ""):
+                name = f"{effect} of the {name}"
+            elif before != "":
+                name = f"corrected by calibration: {name}"
+            size = f" RMS, at most {p['max_px']:.2g} px or {p['max_mm']:.2g} mm" if effect != before else ""
+            words.append(f"{name} {_rms(p)} px{size}")
+            before = effect
+        yield [*words, f"noise {camera['noise_px']:.2g} px per coordinate"]
 
 
 def images_sheet(record: Json) -> Sheet:
     """The same as a table."""
     columns = (
         Column("side", "side"),
+        Column("effect", lambda p: p.get("effect") or "calibration"),
         Column("camera", "target"),
         Column("RMS (px)", _rms),
         Column("largest (px)", lambda p: f"{p['max_px']:.2g}"),

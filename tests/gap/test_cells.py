@@ -66,6 +66,22 @@ def test_a_torque_times_functions_of_angles_turns_its_own_link(bench, of):
     np.testing.assert_allclose(size, 1 / np.arange(1, 6), rtol=0.05)
 
 
+@pytest.mark.parametrize("j", [2, 3, 5])
+def test_the_torque_of_any_masses_at_the_frames_is_in_the_cell_without_masses(dataset, j):
+    """The sag of an arm whose robot file has no masses was an error of the base by the place."""
+    c = circumstances(dataset)
+    assert not list(cell_kinds.masses_unknown(c))
+    pose = frames(c.chain, c.q)
+    masses = np.random.default_rng(j).uniform(1.0, 9.0, c.robot.n + 2)
+    force = masses[:, None] * c.gravity
+    moments = np.sum(np.cross(pose[:, j + 1 :, :3, 3] - pose[:, j, None, :3, 3], force[j + 1 :]), axis=1)
+    torque = np.sum(pose[:, j, :3, 2] * moments, axis=1)
+    cell = next(x for x in cell_kinds.masses_unknown(replace(c, loads=None)) if x.site == joint(j))
+    drivers = np.column_stack([np.asarray(p.terms[0].driver) for p in cell.sets[0]])
+    left = torque - drivers @ np.linalg.lstsq(drivers, torque)[0]
+    np.testing.assert_allclose(left, 0.0, atol=1e-9 * np.ptp(torque))
+
+
 def test_two_angles_are_multiplied_in_every_pair(bench, of):
     """Twisting of a hollow wrist: an error that exists only where two joints are both turned."""
     c = bench.circumstances

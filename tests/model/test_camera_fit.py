@@ -60,15 +60,24 @@ def test_residuals_by_images_are_those_by_rows(mount, effects):
             np.testing.assert_allclose((ends[0] - ends[1]) / 2e-6, by_arm @ (step / 1e-6), atol=1e-6)
 
 
+@pytest.mark.parametrize("rough", [0.0, 0.02])
 @pytest.mark.parametrize("mount", FIXED)
-def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount):
-    """Of another lens, a board that is larger about its middle, and one that is bent up there."""
+def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount, rough):
+    """Of another lens, a board that is larger about its middle, and one that is bent up there.
+
+    Where the nominal arm is rough, at the poses that the images tell.
+    """
     scene = Scene(camera_session(mount, images=4, seed=3))
     rows = np.arange(len(scene.q))
     pose, target, none = scene.nominal(0, rows), scene.dataset.targets[0], np.zeros(6)
     kind = scene.kind(0, rows)
     kind = replace(kind, pixel=kind.pixels(none, pose).T)  # as at nominal geometry
-    seen = view(target, kind, rows, pose, len(rows))
+    camera, board = [np.broadcast_to(p, pose.shape) for p in (pose, kind.placed(none)[..., None])][
+        :: 1 if kind.carried else -1
+    ]
+    sighted = np.einsum("jic,jkc->cik", camera[:, :3], board)
+    sighted[:, :, 3] -= np.einsum("jic,jc->ci", camera[:, :3], camera[:, 3])
+    seen = view(target, kind, rows, pose + rough, len(rows), sighted if rough else np.nan * sighted)
     lens, corner, ends = kind.lens, kind.corner, (kind.corner.min(axis=0), kind.corner.max(axis=0))
     middle, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
     local = corner - middle
@@ -86,7 +95,8 @@ def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount):
 
     names = (("focal", "focal"), ("centre", "centre"), ("distortion", "coefficients"))
     made = [(make, [of_lens(field, k) for k in range(len(getattr(lens, field)))]) for make, field in names]
-    made.append(("scale", [of_board(local * np.eye(3)[k]) for k in range(2)]))
+    sheared = [local * np.eye(3)[0], local * np.eye(3)[1], local[:, 1:2] * np.eye(3)[0]]
+    made.append(("scale", [of_board(by) for by in sheared]))
     bent = [(1.0 - (local[:, k] / half[k]) ** 2)[:, None] * np.eye(3)[2] for k in range(2)]
     bent.append(np.prod(local[:, :2] / half[:2], axis=1)[:, None] * np.eye(3)[2])
     made.append(("bow", [of_board(b) for b in bent]))

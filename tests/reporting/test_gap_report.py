@@ -126,6 +126,19 @@ def test_a_null_does_not_explain_what_is_told_as_an_error(session):
     assert words[1].startswith("But the fit leaves residuals of ")
 
 
+def test_a_null_with_a_negative_compliance_explains_nothing(session):
+    """It said that the model explains the data, above a warning that it is not to be used."""
+    arm = calibrated(Scene(session), ("geometry", "compliance"))
+    k = arm.model.names.index("compliance J2")
+    z = arm.z - (20.0 + arm.z[k]) * (np.arange(len(arm.z)) == k)
+    gap = replace(diagnosis(session, "null"), arm=replace(arm, z=z), covariance=1e-2 * np.eye(len(z)))
+    first, said, *_ = headline(gap)
+    assert "explains" not in first
+    assert said.startswith("But values of the model are negative by more than")
+    assert "compliance J2" in said
+    assert "bayescal" not in said
+
+
 def test_a_named_verdict_says_what_its_arm_leaves(session):
     """Names beside residuals of twice the stated noise: they are not all, or the noise is larger."""
     gap = diagnosis(session, "named")
@@ -482,7 +495,9 @@ def test_every_cause_is_of_a_cell_of_a_session(causes_session):
     for scene in map(Scene, (loaded, warming, tracked)):
         c = scene.circumstances(scene.rows("calibrate"))
         piece = "ball.A", (np.arange(len(c.q)) % 3 == 0).astype(float), np.zeros(3)
-        of_session = cells(replace(c, pieces=(piece,)))
+        of_session = cells(
+            replace(c, pieces=(piece,), loads=c.loads if scene.dataset is not tracked else None)
+        )
         found |= {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
     assert set(CAUSES) - found == set()
 

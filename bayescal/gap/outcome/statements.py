@@ -191,7 +191,7 @@ def warnings(
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         yield f"{count} calibration {was}"
-    yield from (board.words for board in images.displaced(before))
+    yield from (board.words for board in images.displaced(after))
     dataset = before.model.scene.dataset
     yield from filter(None, (images.blurred(before), copies(dataset), rounded(dataset)))
     yield from (u.words for u in lacking if u.matters)

@@ -19,7 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayescal.arm import chain as reference
 from bayescal.arm.motion import Term
+from bayescal.arm.statics import gravity_in_f0
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
 from bayescal.effects.common import by_reading, motion, sense, tilts
 from bayescal.effects.imaging import at_view
@@ -58,6 +60,24 @@ def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
         for form, groups in (("own angle", own_angle), ("other angle", other_angle), ("and angle", both)):
             sets = tuple(at_joint(c, j, drivers) for drivers in groups if drivers)
             yield Cell(joint(j), Driver("torque", j, form=form), sets)
+
+
+def masses_unknown(c: Circumstances) -> Iterator[Cell]:
+    """Joints that yield to gravity where no masses are stated: by the torque of a mass at each frame."""
+    if c.torques is not None or not np.any(c.gravity):
+        return
+    pose = reference.frames(c.chain, c.q)
+    down = gravity_in_f0(c.chain, pose, c.gravity / np.linalg.norm(c.gravity))
+    places = [*np.moveaxis(pose[:, 1:, :3, 3], 1, 0), makers.points(c)]
+    for j in (np.flatnonzero(~c.robot.slides) + 1).tolist():
+        torques = [
+            np.sum(pose[:, j, :3, 2] * np.cross(place - places[j - 1], down), axis=1) for place in places[j:]
+        ]
+        spread = [float(np.ptp(torque[c.fitted])) for torque in torques]
+        varying = [t for t, size in zip(torques, spread, strict=True) if size > 1e-3]
+        if varying:
+            drivers = [2.0 * t / max(spread) for t in varying]
+            yield Cell(joint(j), Driver("torque", j, form="masses"), (at_joint(c, j, drivers),))
 
 
 def two_angles(c: Circumstances) -> Iterator[Cell]:
@@ -368,7 +388,7 @@ def faces(c: Circumstances) -> Iterator[Cell]:
 MEASURING = (probe, region, beams, faces)
 """Functions that list the cells of what measures, in the order of the cells."""
 FURTHER = (
-    torque_and_angle, two_angles, between_orders, rocking, travel, scatter, blocks,
+    torque_and_angle, masses_unknown, two_angles, between_orders, rocking, travel, scatter, blocks,
     with_another, by_any, remembering, pointing,
 )  # fmt: skip
 """Functions that list the cells of a session, in the order of the cells."""

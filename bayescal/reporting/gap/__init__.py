@@ -84,9 +84,14 @@ def amplitude_of(a: Json) -> str:
 
 
 def sizes_of(some: Sequence[Json]) -> str:
-    """Amplitudes of an effect; with their locations, where there are several."""
-    several = len({a["site"] for a in some}) > 1
-    return "; ".join((f"{site_of(a['site'])}: " if several else "") + amplitude_of(a) for a in some)
+    """Amplitudes of an effect; by location and parameter, where there are several."""
+    several, out = len({a["site"] for a in some}) > 1, []
+    for a in some:
+        alike = [o for o in some if all(o[key] == a[key] for key in ("site", "driver", "what"))]
+        names = ", ".join(name.removeprefix(f"{a['effect']} ") for name in a["parameters"])
+        which = f" ({names})" if len(alike) > 1 else ""
+        out.append((f"{site_of(a['site'])}: " if several else "") + amplitude_of(a) + which)
+    return "; ".join(out)
 
 
 def site_of(site: str) -> str:

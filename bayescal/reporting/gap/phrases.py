@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.assess.acceptance import not_physical
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, CONSTANT, Site
@@ -147,7 +148,7 @@ def headline(gap: Gap) -> list[str]:
     ]
     if verdict.kind == "null":
         change = _event(where, "Largest location, not established", gap)
-        return [_nothing(gap), *_noisy(gap), *change, *likely]
+        return [_nothing(gap), *_unphysical(gap), *_noisy(gap), *change, *likely]
     members = verdict.causes.members if verdict.causes else {}
     sure = [n for n in verdict.named if n.effect not in members]
     lines = []
@@ -278,8 +279,16 @@ def _nothing(gap: Gap) -> str:
     if gap.arm is not None and unknown > MOST * len(gap.arm.model.parameters):
         of = f"{unknown} of {len(gap.arm.model.parameters)} combinations of parameters"
         return f"{conclusion}, but {of} are not identifiable: these measurements show little of the arm"
-    explains = likeliest and not unexplained_of(gap) and gap.scatter is None
+    explains = likeliest and not unexplained_of(gap) and gap.scatter is None and not _unphysical(gap)
     return "No effect above noise: the model explains these data" if explains else conclusion
+
+
+def _unphysical(gap: Gap) -> list[str]:
+    """That positive parameters of the arm are negative, as a sentence: no model explains data by these."""
+    if gap.arm is None or gap.covariance is None:
+        return []
+    faults = not_physical(gap.arm, gap.covariance)
+    return [f"But values of the model are {fault.words.partition(': run')[0]}" for fault in faults]
 
 
 def unexplained_of(gap: Gap) -> str:
