@@ -163,7 +163,10 @@ class Lens:
 
     def pixels(self, xy: np.ndarray) -> np.ndarray:
         """Pixels (..., 2, C) of directions (x / z, y / z), (..., 2, C)."""
-        return self.focal[:, None] * self.distorted(xy) + self.centre[:, None]
+        out = self.distorted(xy)
+        out *= self.focal[:, None]
+        out += self.centre[:, None]
+        return out
 
     def distorted(self, xy: np.ndarray) -> np.ndarray:
         """Distorted directions (..., 2, C)."""
@@ -171,8 +174,10 @@ class Lens:
         if self.model == FISHEYE:
             return xy * self._fisheye(x, y)[0][..., None, :]
         factor, square = self._brown(x, y)
-        _, _, p1, p2, _ = self.coefficients
-        return xy * factor[..., None, :] + np.array([[p2], [p1]]) * square[..., None, :]
+        out = xy * factor[..., None, :]
+        for row, p in enumerate(self.coefficients[[3, 2]]):
+            out[..., row, :] += p * square
+        return out
 
     def slopes(self, xy: np.ndarray) -> np.ndarray:
         """Derivatives (..., 2, 2, C) of `distorted` by the direction."""
@@ -218,7 +223,14 @@ class Lens:
         """Factor f and squared radius s by which a direction (x, y) becomes f (x, y) + s (p2, p1)."""
         k1, k2, p1, p2, k3 = self.coefficients
         square = x * x + y * y
-        return 1 + square * (k1 + square * (k2 + square * k3)) + 2 * (p1 * y + p2 * x), square
+        factor = k3 * square  # in place: of many corners each array is made anew by the system
+        for k in (k2, k1):
+            factor += k
+            factor *= square
+        factor += 1
+        factor += 2 * p1 * y
+        factor += 2 * p2 * x
+        return factor, square
 
     def _fisheye(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factor on the direction, and its derivative by the radius over the radius."""
@@ -293,7 +305,10 @@ class Camera(Framed):
         return self.lens.pixels(points[..., :2, :] / np.maximum(points[..., 2:, :], NEAREST))
 
     def residual(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        return self.scale * (self.pixels(x, pose) - self.pixel.T)
+        out = self.pixels(x, pose)
+        out -= self.pixel.T
+        out *= self.scale
+        return out
 
     def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (camera, _), local = self._frames(x, pose), self.seen(x, pose)

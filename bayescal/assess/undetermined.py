@@ -96,6 +96,7 @@ OTHERWISE = {
         "lower the noise (means of repeats), or leave them out of the model",
     ),
     "redundant": ("no measurement depends on them", "nothing needs to be done"),
+    "stated": ("these rows tell no more than what is stated", "calibrate the camera, measure the board"),
 }
 """Reason and remedy of what no change determines."""
 COMBINED = "no measurement depends on each by itself"
@@ -216,7 +217,8 @@ def _described(
         reason = " and ".join(CHANGES[c][0](session) for c in changes)
         remedy = ", ".join(CHANGES[c][1](session) for c in changes)
     else:
-        reason, remedy = OTHERWISE[state]
+        every = {p.effect for p, show in zip(identifiability.parameters, shown, strict=True) if show}
+        reason, remedy = OTHERWISE["stated" if state == "noise" and every == {"camera"} else state]
     parameters = tuple(n for n, show in zip(names, shown, strict=True) if show)
     if state == "redundant" and v.shape[1] < len(parameters):
         reason = COMBINED

@@ -68,7 +68,11 @@ def _style(row: Row) -> str:
 def _held(row: Row) -> str:
     if row.result is None or not row.result.solution.free or not row.result.solution.held:
         return ""
-    return f"kept nominal: {', '.join(row.result.solution.held)}"
+    solution = row.result.solution
+    moved = [name for name in solution.model.names if name not in solution.held]
+    if len(moved) < len(solution.held):
+        return f"kept nominal: all but {', '.join(moved)}"
+    return f"kept nominal: {', '.join(solution.held)}"
 
 
 def comparison_record(comparison: Comparison) -> dict[str, Any]:

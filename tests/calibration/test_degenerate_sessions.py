@@ -3,9 +3,11 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from camera_sessions import camera_session
 from cases import terminal_text
 from sessions import plain, with_columns, with_rows
 from typer.testing import CliRunner
@@ -30,6 +32,7 @@ from bayescal.methods import compare
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.forecast import SMALLEST, elsewhere, joint_range, point_slopes
+from bayescal.reporting.comparison import _held
 from bayescal.reporting.fit.files import budget_table, measurand_record
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.gap.phrases import headline
@@ -463,3 +466,22 @@ def test_the_joint_level_of_two_sessions_is_compared(folders):
     """`joint` is a level and no cause, and still a model whose sessions are compared."""
     found = bc.fit([folders / "may", folders / "june"], "joint", samples=0)
     assert found.record["agreement"]["pairs"]
+
+
+def test_what_is_stated_of_a_camera_is_not_to_be_left_out():
+    """The size of a board, of which images tell no more than its u: leave it out of the model, it said."""
+    fitted = calibrated(Scene(camera_session(images=8, seed=3)), ("geometry",))
+    found = undetermined(fitted, identifiability(fitted))
+    (lens,) = (u for u in found if set(u.parameters) == {"cam k2", "cam k3"})
+    assert lens.state == "noise"
+    assert lens.remedy.startswith("calibrate the camera")
+
+
+def test_a_method_that_moves_little_says_what_it_moves():
+    """Five solvers of hand-eye listed 40 parameters each that they keep."""
+    model = SimpleNamespace(names=("a1", "a2", "a3", "x", "y"))
+    solution = SimpleNamespace(model=model, held=model.names[:3], free=2)
+    row = SimpleNamespace(result=SimpleNamespace(solution=solution))
+    assert _held(row) == "kept nominal: all but x, y"
+    solution.held = ("a1",)
+    assert _held(row) == "kept nominal: a1"
