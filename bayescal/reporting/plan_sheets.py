@@ -280,7 +280,8 @@ def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
 
     def by(what: str) -> str:
-        return f"{NO_LEVER} separates them" if what == NO_LEVER else f"would be separated by {what}"
+        again = "nor do the same poses again, under any known condition"
+        return again if what == NO_LEVER else f"would be separated by {what}"
 
     return tuple(
         f"{' from '.join(c.pair)} (detectability {strength(c.after)}); {by(c.intervention)}"
