@@ -59,8 +59,10 @@ PARAMETER = re.compile(r"^(\w+(?:, \w+)*)\n((?: +.*\n?)+)", re.MULTILINE)
 """Parameters in a docstring, and their description."""
 AS_OF = re.compile(r"As of `(\w+)`\.")
 """The description of parameters that another command has too."""
-KINDS = {"bool": bool, "int": int, "float": float, "int | None": int | None, "float | None": float | None}
-"""Types of options by the annotations of public functions; others are texts."""
+KINDS: dict[Any, Any] = {"bool": bool, "int": int, "float": float}
+KINDS |= {f"{name} | None": kind | None for name, kind in KINDS.items()}
+KINDS |= {kind: kind for kind in KINDS.values()}
+"""Types of options by the annotations of public functions, as text or evaluated; others are texts."""
 _options: dict[str, dict[str, inspect.Parameter]] = {}
 """Options of each command, by the names of its function and its parameters."""
 

@@ -14,7 +14,7 @@ from bayescal.errors import BayescalError
 from bayescal.public import FitResult, GapResult, Result, SimulatedSession, motions, table
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.storage.reading import Json, run_record
+from bayescal.storage.reading import MOTION, TOGETHER, Json, run_record
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
@@ -30,10 +30,6 @@ if TYPE_CHECKING:
 
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 """Files by which a path of `after` is known."""
-MOTION = ("Nm", "deg")
-"""`unit` of the record of a joint log."""
-TOGETHER = "together"
-"""In its place, of a session and a log that were fitted together."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -26,6 +26,10 @@ LARGEST = 2**29
 """Bytes of a table, a log or a record: some million rows."""
 Json = Mapping[str, Any]
 """The content of a record: fit.json, gap.json, ..."""
+MOTION = ("Nm", "deg")
+"""`unit` of the record of a joint log."""
+TOGETHER = "together"
+"""In its place, of a session and a log that were fitted together."""
 DIGITS = 30
 """Characters of a whole number in a record: no count or seed has more."""
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")

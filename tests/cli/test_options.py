@@ -212,6 +212,12 @@ def test_every_option_has_its_help_and_every_help_its_option():
         assert all(option.help for option in command.params if not option.hidden)
 
 
+@pytest.mark.parametrize("annotation", [int | None, "int | None"])
+def test_types_of_options_are_those_of_annotations_as_text_or_evaluated(annotation):
+    given = inspect.Parameter("seed", inspect.Parameter.KEYWORD_ONLY, annotation=annotation)
+    assert module._of_public(given).annotation == int | None
+
+
 def test_every_command_is_tested():
     ends = {n.removeprefix("bayescal ") for n, c in commands().items() if not hasattr(c, "commands")}
     assert ends == CALLED.keys()

@@ -192,11 +192,30 @@ def of_planes(run):
     return shown
 
 
+def of_draws(run, places):
+    """Of the arms of some draws, by their places in all of them."""
+    drawn = run.nc["posterior"].stack(draws=("chain", "draw")).isel(draws=places)
+    for k in range(len(places)):
+        value = {name: float(drawn[name][k]) for name in drawn.data_vars if name != "z"}
+        robot, fields = run.dataset.robot, ("a", "d", "alpha", "offset", "beta")
+        rows = {field: getattr(robot, field).copy() for field in fields}
+        for field, column in rows.items():
+            name, unit = field.replace("offset", "theta"), 1e-3 if field in "ad" else 1 / DEG
+            numbers = [f"{name}{row + (name in ('d', 'theta'))}" for row in range(len(column))]
+            column[:] = [unit * value.get(n, x / unit) for n, x in zip(numbers, column, strict=True)]
+        tip = 1e-3 * np.array([value[f"{run.dataset.tools[0].name}_{axis}"] for axis in "xyz"])
+        yield level(run.dataset, replace(robot, **rows), tip, run.rejected)
+
+
 def of_distances(run):
+    count = run.nc["posterior"].sizes["chain"] * run.nc["posterior"].sizes["draw"]
+    places = np.linspace(0, count - 1, 500).astype(int)[::50]
+    arms = list(of_draws(run, places)) if run.calibrated.distance else []
     for (a, b), length in run.calibrated.distance.items():
         value = next(c.distance for c in run.dataset.certificates if c.targets == (a, b))
         drawn = np.asarray(run.nc["posterior_predictive"]["distance_mm"].sel(pair=f"{a}|{b}")).ravel()
         error = length - UM * value
+        assert np.corrcoef(drawn[::50], [arm.distance[a, b] for arm in arms])[0, 1] > 0.9
         spread = error - 1e3 * (drawn - 1e3 * value)
         ends = np.quantile(spread, [0.025, 0.975])
         yield {

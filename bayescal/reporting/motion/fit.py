@@ -34,7 +34,7 @@ from bayescal.reporting.text import Facts, listed, p_value, under
 from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled, whole
-from bayescal.storage.reading import Json
+from bayescal.storage.reading import TOGETHER, Json
 from bayescal.verifying.log import SLIDING, LogVerification
 
 SCHEMA = "bayescal-fit/1"
@@ -146,8 +146,6 @@ def write_fit(
 
 CONTACTS, LOG = "contacts", "log"
 """Run folders of the two, in that of both."""
-UNIT = "together"
-"""In place of the unit of a record."""
 UNLIKELY = 0.01
 """P of the change of the masses, below which the two contradict each other (convention)."""
 
@@ -157,7 +155,7 @@ def together_record(result: Together) -> dict[str, Any]:
     log, session = result.log.log, result.contacts.dataset
     p = float(chi2_sf(result.chi2, result.dof)) if result.dof else 1.0
     record = {
-        "schema": SCHEMA, "unit": UNIT, "session": session.name,
+        "schema": SCHEMA, "unit": TOGETHER, "session": session.name,
         "log": {"name": log.name, "sha256": log.digest}, "software": software(LIBRARIES),
         "seed": result.log.seed, "robot": session.robot.name,
         "shared": [vars(s) | {"alone": _with_u(s.alone), "both": _with_u(s.both)} for s in result.shared],

@@ -25,7 +25,7 @@ from bayescal import __version__
 from bayescal.errors import BayescalError
 from bayescal.reporting.sheet import Sheet
 from bayescal.storage.folders import check_unchanged
-from bayescal.storage.reading import Json, read_record, run_record
+from bayescal.storage.reading import MOTION, TOGETHER, Json, read_record, run_record
 from bayescal.storage.writing import templates_beside
 
 
@@ -124,10 +124,6 @@ def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
     return tuple(Text(line, style) for line in lines)
 
 
-MOTION = ("Nm", "deg")
-"""`unit` of the record of a joint log."""
-TOGETHER = "together"
-"""In its place, of a session and a log that were fitted together."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
 FIGURES = {
     "fit-distances.png": "Errors of validation data, nominal and calibrated, with 95 % prediction intervals",
