@@ -161,14 +161,22 @@ def test_a_certificate_is_judged_by_the_larger_u_of_its_targets(tmp_path, u, bel
     assert [c.place for c in found] == ([] if believed else [("certificates", 2)])
 
 
-@pytest.mark.parametrize(("unit", "size"), [("m", 1.0), ("cm", 0.01), ("inches", 0.0254), ("µm", 1e-6)])
-def test_the_unit_of_a_certificate_is_told(tmp_path, unit, size):
+LIKE = "the certified value looks like {}: write it in mm"
+TWICE = "the value was converted once too often, or the nominal places are in inches"
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "words"),
+    [*((*unit, LIKE) for unit in (("m", 1.0), ("cm", 0.01), ("inches", 0.0254), ("µm", 1e-6))),
+     ("inches to mm, twice", 1e-3 / 25.4, TWICE)],
+)  # fmt: skip
+def test_the_unit_of_a_certificate_is_told(tmp_path, unit, size, words):
     """A distance certified in another unit than mm."""
     settings = SETTINGS.replace("distance_mm: 150.0", f"distance_mm: {0.15 / size:.6g}")
     for y in (272, 422):
         settings = settings.replace(f"[475, {y}, -40],", f"[475, {y}, -40], u_mm: 1,")
     remedies = [c.remedy for c in contradictions(read_dataset(write(tmp_path, settings)))]
-    assert remedies == [f"the certified value looks like {unit}: write it in mm"]
+    assert remedies == [words.format(unit)]
 
 
 # --- No session is blamed for a unit that is only loosely known, badly placed or shuffled.

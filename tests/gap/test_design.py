@@ -215,6 +215,8 @@ def test_the_smallest_amplitude_that_is_named():
         strength = np.sum(left**2)
         if strength > 1e-8 * np.sum(x**2):
             assert (spot.smallest / spot.plausible) ** 2 * strength == pytest.approx(DESIGN.named, rel=1e-3)
+        sd = [s.known.pool[k].sd for k in site.columns]
+        assert min(sd) * (1.0 - 1e-9) <= spot.plausible <= max(sd) * (1.0 + 1e-9)
         # the error of distances where all parameters of the site are drawn from their priors
         drawn = np.random.default_rng(0).standard_normal((4000, len(site.columns)))
         off = drawn @ linear(s, site.columns).T
@@ -416,9 +418,8 @@ def dataset(cube):
 def test_a_repeat_is_the_contact_of_the_session(dataset):
     m = dataset.measurements
     gap, rows = advised(dataset, AGAIN, m.velocity[[2, 7, 11, 30]])
-    table = list(
-        csv.DictReader(io.StringIO(table_of_contacts(contact_records(gap.advice[0], 1, gap.dataset.robot))))
-    )
+    contacts = contact_records(gap.advice[0], 1, gap.dataset.robot)
+    table = list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
     assert [t["id"] for t in table] == ["next-1-001", "next-1-002", "next-1-003"]
     assert [t["repeat_of"] for t in table] == [m.ids[r] for r in rows]
     assert [t["target"] for t in table] == [dataset.targets[m.target[r]].name for r in rows]
@@ -427,6 +428,8 @@ def test_a_repeat_is_the_contact_of_the_session(dataset):
     np.testing.assert_allclose(read, np.degrees(m.readings[rows]), atol=1e-6)
     moved = [[float(t[f"j{k}_degps"]) for k in joints] for t in table]
     np.testing.assert_allclose(moved, np.degrees(m.velocity[rows]), atol=1e-6)
+    signs = ["".join("-0+"[1 + int(sign)] for sign in np.sign(v)) for v in m.velocity[rows]]
+    assert [str(row[-1]) for row in first_contacts(contacts).rows] == signs
     assert "payload_kg" not in table[0]
 
 

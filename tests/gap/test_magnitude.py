@@ -9,6 +9,7 @@ from made_up_errors import NOISE, held
 
 from bayescal.gap.outcome import magnitude as module
 from bayescal.gap.outcome.magnitude import NoiseFloor, magnitude
+from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED
 
 COUNT, KNOWN = 1000, 1e6
 """Validation measurements, and degrees of freedom of a noise that is known."""
@@ -39,9 +40,14 @@ def measured(monkeypatch):
     return lambda errors: magnitude(estimate, estimate, errors)
 
 
+@pytest.mark.parametrize("how", [VALIDATED, LEFT_OUT])
 @pytest.mark.parametrize("error", [0.0, 8e-6, 20e-6])
-def test_the_excess_is_what_neither_noise_nor_parameters_explain(measured, error):
-    found = measured(drawn(PARTS | {"error": error}))
+def test_the_excess_is_what_neither_noise_nor_parameters_explain(measured, error, how):
+    errors = drawn(PARTS | {"error": error})
+    if how == LEFT_OUT:  # the noise of a contact that was left out has that of the parameters
+        wide = np.full(COUNT, np.hypot(NOISE, PARTS["parameters"]))
+        errors = replace(errors, how=how, noise=wide, by_parameters=0.0 * errors.by_parameters)
+    found = measured(errors)
     low, high = found.excess_interval95
     assert low <= error <= high
     assert found.excess == pytest.approx(error, rel=0.1, abs=2e-6)

@@ -259,6 +259,10 @@ def test_rows_that_a_contact_left_out_does_not_distinguish(sudden_bench, monkeyp
         events, "weigh_sets", lambda *a: weigh_sets(*a) + 1e-9 * np.arange(len(a[1].sets))[:, None]
     )
     assert measured(*arguments)[0].row == first
+    # 95 % of rows that are equally probable
+    sets = []
+    monkeypatch.setattr(events, "weigh_sets", lambda *a: sets.extend(a[1].sets) or np.zeros((len(sets), 1)))
+    assert np.ptp(measured(*arguments)[0].interval95) == pytest.approx(0.95 * len(sets), abs=1.0)
 
 
 def test_the_zero_of_a_joint_that_changes(sudden_bench):
@@ -284,6 +288,12 @@ def test_a_rocking_base_has_a_half_angle_about_an_axis(sudden_bench):
     assert angle.what == f"half-angle about the horizontal axis at {azimuth} deg from x"
     assert abs(angle.value - 4e-4) < 3.5 * angle.u
     assert angle.significant
+
+
+def test_the_azimuth_of_an_axis_is_that_in_the_frame_of_the_session():
+    """Of an arm whose base is turned by 30 deg."""
+    c = SimpleNamespace(chain=SimpleNamespace(base=rigid(rpy_matrix([0.0, 0.0, np.pi / 6]))))
+    assert "at 30 deg" in events._about(Parameter("", "rad", (Term(0, "rx", np.ones(1)),), 1e-4), c)
 
 
 def test_only_significant_locations_have_a_size(sudden_bench):

@@ -182,6 +182,7 @@ def test_an_unmodelled_effect_elsewhere_is_not_called_backlash(credible, elsewhe
     alone = tuple(CellFit(k, gain, k, 1.0) for k, gain in enumerate((90.0, 10.0, elsewhere)))
     note = play_or_late(alone, SimpleNamespace(cells=cells), credible)
     assert bool(note) == noted
+    assert all("its sign fits 80 nats better than its speed: backlash" in words for words in note)
 
 
 def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():

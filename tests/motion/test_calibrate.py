@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -19,6 +20,7 @@ from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm, arm_text
 from bayescal.logs.types import PAIRS, inertial, with_bodies
 from bayescal.motion import calibrate as calibration
+from bayescal.motion import possible
 from bayescal.motion.calibrate import calibrate
 from bayescal.motion.estimate import of_role
 from bayescal.motion.linear import Normal, fitted, tabulated
@@ -133,6 +135,11 @@ def test_the_reversal_of_friction_is_a_speed(result):
     every, own = log.mechanism.u.transition, np.hypot(log.mechanism.u.transition, BASELINE.transition)
     for name, share in (("transition", every), ("transition 2", own)):  # the logarithm of a speed
         assert p.prior_sd[name] == pytest.approx(share * p.nominal[name])
+    terms = SimpleNamespace(terms=[SimpleNamespace(unit="1")] * 2)
+    fit = SimpleNamespace(names=["transition", "transition 2"], sd=np.ones(2), normal=terms)
+    start = SimpleNamespace(transition=np.array([0.02, 0.03]))
+    values, *_ = calibration._speeds(np.array([[[0.3, 0.1]]]), np.zeros(2), fit, start)
+    assert values[0, 0] == pytest.approx([0.02 * np.exp(0.3), 0.03 * np.exp(0.3 + 0.1)])
     joints = [p.estimate[f"transition {j}"] for j in (1, 2, 3)]
     assert result.data.mechanism.transition == pytest.approx(np.exp(np.mean(np.log(joints))), rel=0.02)
     assert size_text(0.03, 0.001, "rad/s") == "1.719(57) deg/s"
@@ -200,6 +207,16 @@ def test_bodies_are_found_where_centres_of_mass_are_far_from_stated_ones(tmp_pat
     for part, value in zip(BODY, known, strict=True):
         estimate, u = values[f"{part} of link 3"]
         assert abs(estimate - value) < 3.5 * u, part
+
+
+def test_an_arm_has_what_named_effects_add(null_estimate, monkeypatch):
+    added = {"armature joint 2 acceleration": 0.1, "inertia joint 1 motion of the link mass": 0.2}
+    monkeypatch.setattr(possible, "constrained", lambda fit, _: np.array([added[n] for n in fit.names]))
+    monkeypatch.setattr(possible.Possible, "of", lambda *_: None)
+    fits = (SimpleNamespace(names=list(names), sd=np.ones(len(names))) for names in ((), added))
+    plain, wider = (possible.named_arm(null_estimate, fit, None).mechanism for fit in fits)
+    assert wider.armature - plain.armature == pytest.approx([0.0, 0.1, 0.0])
+    assert wider.mass - plain.mass == pytest.approx([0.2, 0.0, 0.0])
 
 
 def possible_of(estimate, fit):
