@@ -348,6 +348,15 @@ def test_only_what_is_significant_is_told(found):
     assert [str(a.site) for a in stated(none, "backlash")] == ["joint 2"]  # the largest one of the effect
 
 
+def test_a_size_has_the_value_that_the_robot_file_states(cube):
+    session = cube(seed=1).dataset
+    robot = replace(session.robot, compliance=np.full(6, 2e-6))
+    fitted = unsolved(replace(session, robot=robot), BASELINE, off=0.0)
+    each = [Named("compliance", "compliance", (), "", 1.0, 0.0)]
+    for a in amplitudes(fitted, 1e-4 * np.eye(len(fitted.z)), each):
+        assert a.value == pytest.approx(2e-6)
+
+
 def test_a_sum_is_told_whose_parts_are_not_significant(cube):
     """Every joint 2.4 u off: the displacement of all together, by finite differences of the positions."""
     fitted = unsolved(cube(seed=1).dataset, (*BASELINE, "backlash"), off=0.0)
