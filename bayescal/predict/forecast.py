@@ -71,7 +71,7 @@ def elsewhere(
     scene = model.scene
     d, m = scene.dataset, scene.dataset.measurements
     count = len(rows)
-    direction = np.where(np.arange(count * d.robot.n).reshape(count, -1) % 2, 1.0, -1.0)
+    direction = np.where(np.indices((count, d.robot.n)).sum(axis=0) % 2, 1.0, -1.0)
 
     same = taken(m, rows)
     table = replace(

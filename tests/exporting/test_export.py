@@ -49,6 +49,8 @@ def test_a_file_and_its_sidecar(run, tmp_path, command):
     (missing,) = record["not_expressed"]
     assert missing["effect"] == "compliance"
     assert missing["max_um"] > missing["rms_um"] > 10
+    shown = re.search(r"^compliance +([\d.]+) +([\d.]+)$", text, re.MULTILINE).groups()
+    assert [float(x) for x in shown] == pytest.approx([missing["rms_um"], missing["max_um"]], abs=0.5)
     assert record["remaining"]["max_um"] == pytest.approx(missing["max_um"])
     written = {w["parameter"]: w for w in record["written"]}
     saved = {p["name"]: p for p in json.loads((run / "arm.json").read_text())["parameters"]}

@@ -12,6 +12,7 @@ from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict.crossvalidation import validation_errors
+from bayescal.predict.forecast import elsewhere
 from bayescal.predict.locate import Rows, search
 from bayescal.predict.targets import prepared
 from bayescal.predict.validation import validate
@@ -126,3 +127,12 @@ def test_a_slipped_row_has_no_part_in_where_its_sphere_is(fitted):
     scene = Scene(misread(data, 2, 3e-3, rows[3]))
     t = prepared(replace(fitted, model=replace(fitted.model, scene=scene))).located[name]
     assert np.flatnonzero(~t.gain.any(axis=0)).tolist() == [3]
+
+
+def test_poses_elsewhere_are_approached_from_either_side(cube):
+    """What a play contributes to a distance would cancel between poses approached from one side."""
+    model = build(Scene(cube(seed=3, count=40).dataset), ("geometry", "backlash"))
+    readings = model.scene.dataset.measurements.readings[:4]
+    motion = elsewhere(model, np.arange(4), readings)
+    play = [t.driver for k, t in motion.terms if model.names[k].startswith("backlash")]
+    assert np.abs(np.diff(np.sign(play), axis=1)).tolist() == [[2, 2, 2]] * 5

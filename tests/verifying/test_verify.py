@@ -56,6 +56,7 @@ def test_simulator_has_the_fitted_arm_and_its_gap(run):
         numbers = (max(squares) ** 0.5, (sum(squares) / len(squares)) ** 0.5)
         stated = [record[f"{key}_difference_um"][level.name] for key in ("max", "rms")]
         assert stated == pytest.approx([1e6 * x for x in numbers])
+        assert record["limit_um"][level.name] == pytest.approx(1e6 * level.limit)
     for kind in ("planes", "distances"):
         found = record["measured"][kind]
         assert found["after_rms_um"] == pytest.approx(found["predicted_after_rms_um"], rel=0.05)

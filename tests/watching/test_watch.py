@@ -315,7 +315,8 @@ def test_the_result_is_a_run_folder_of_fit(folder, tmp_path):
     assert record["fits"][-1]["U_um"] == pytest.approx(1e6 * fitted.data.forecast.workspace.expanded)
     loaded = bc.load(tmp_path / "run")
     assert loaded.parameters["estimate"].equals(result.fit.parameters["estimate"])
-    assert "rows watched" in str(result)
+    judged = sum(c["p_value"] is not None for c in record["contacts"])
+    assert f"{len(lines) - 1} rows watched, {judged} of them judged by the others" in str(result)
     fitted.save(tmp_path / "fitted", pictures=False)
     watched_, whole = (json.loads((tmp_path / k / "fit.json").read_text()) for k in ("run", "fitted"))
     assert watched_ == whole
