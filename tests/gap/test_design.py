@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from camera_sessions import camera_session
+from gap_diagnoses import diagnosis
 from sessions import with_columns
 
-import bayescal as bc
 from bayescal.effects import EFFECTS
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap import advise as advising
@@ -38,7 +38,7 @@ from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap import first_contacts, table_of_contacts
-from bayescal.reporting.gap.record import contact_records
+from bayescal.reporting.gap.record import contact_records, gap_record, write_gap
 from bayescal.simulation import Options, simulate
 
 BASE = ("geometry", "compliance")
@@ -445,16 +445,14 @@ def test_a_changed_condition_is_no_repeat(dataset, payload):
     assert len(first_contacts(contacts).rows) == 3
 
 
-def test_the_file_is_written_where_contacts_are_advised(tmp_path):
-    gap = bc.diagnose(
-        bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1), "geometry"
-    )
-    names = gap.save(tmp_path / "run", pictures=False)
-    listed = [c["id"] for a in gap.record["next"] for c in a["contacts"]]
-    assert ("next.csv" in names) == bool(listed)
-    if listed:
-        text = (tmp_path / "run" / "next.csv").read_text(encoding="utf-8")
-        assert [row["id"] for row in csv.DictReader(io.StringIO(text))] == listed
+def test_the_file_is_written_where_contacts_are_advised(dataset, tmp_path):
+    told, _ = advised(dataset, AGAIN, dataset.measurements.velocity[[2, 7, 11, 30]])
+    for folder, advice in ((tmp_path / "none", ()), (tmp_path / "three", told.advice)):
+        gap = replace(diagnosis(dataset), advice=advice)
+        names = write_gap(gap, folder, gap_record(gap), pictures=False)
+        assert ("next.csv" in names) == (folder / "next.csv").exists() == bool(advice)
+    rows = list(csv.DictReader(io.StringIO((folder / "next.csv").read_text(encoding="utf-8"))))
+    assert [row["id"] for row in rows] == ["next-1-001", "next-1-002", "next-1-003"]
 
 
 def test_residuals_of_a_contact_at_once_are_as_one_after_another():

@@ -236,17 +236,6 @@ def failing(error: Exception):
     return fails
 
 
-def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
-    """The rest of the diagnosis is there, with the reason."""
-    refused = failing(BayescalError("the fit does not converge"))
-    monkeypatch.setattr("bayescal.gap.diagnose.judged_level", refused)
-    gap = diagnose(plain(tracker(seed=3, count=60).dataset), MODEL)
-    assert [step.model for step in gap.levels] == [MODEL]
-    lost = [w for w in gap.warnings if "left out" in w]
-    assert len(lost) == 3
-    assert all("does not converge" in w for w in lost)
-
-
 def test_time_constants_have_three_digits():
     c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
     time = np.linspace(0.0, 1925.64, 110)  # four times that are 7702.56 s
@@ -310,6 +299,9 @@ def test_a_stage_that_fails_is_left_out(stages, waved, explained, monkeypatch, t
         said = [w for w in (*filed["warnings"], *filed["footnotes"]) if STAGES[stage] in w]
         assert said, stage
         assert "singular" in said[0]
+    levels = [step.model for step in gap.levels]
+    assert MODEL in levels
+    assert (("nominal",) in levels) is ("judged_level" not in stages)  # the rest of the ladder is there
     assert (tmp_path / "out" / "gap.html").exists()
     assert (tmp_path / "out" / "arm.json").exists() is ("stated" not in stages)
     assert filed["verdict"] == ("class" if stages == ("refit",) else "named")

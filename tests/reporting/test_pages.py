@@ -12,6 +12,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from cases import undrawn
 from rails import rail_session
 from test_gap_report import SETS, diagnosis
 from typer.testing import CliRunner
@@ -26,7 +27,6 @@ from bayescal.model.scene import Scene
 from bayescal.reporting import motion
 from bayescal.reporting import page as render
 from bayescal.reporting.body import arm_drawing, posed
-from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.origin import rows_record
 from bayescal.reporting.page import FIGURES, STILL, Run, _png, build, common, read_run, svg
@@ -156,10 +156,10 @@ def test_the_next_step_of_a_possible_effect_is_no_repair(found):
 def test_levels_without_validation_measurements_are_not_shown(saved):
     """A figure had an axis from -0.04 to 0.04 µm and no value, the table no column."""
     record = json.loads((saved[0] / "fit.json").read_text())
-    assert "fit-levels.png" in figures_of(record)
+    assert "fit-levels.png" in undrawn(record)
     keys = [key for key in record["ladder"][0] if key != "model"]
     record["ladder"] = [step | dict.fromkeys(keys) for step in record["ladder"]]
-    assert "fit-levels.png" not in figures_of(record)
+    assert "fit-levels.png" not in undrawn(record)
     assert "Model levels" not in words(run_page(Run("fit", record, "x")))
 
 
