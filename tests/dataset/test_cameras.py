@@ -8,7 +8,7 @@ import pytest
 from camera_sessions import BOARD, FIXED, ON_FLANGE, SIZE, camera_session
 
 from bayescal.dataset import read_dataset, write_dataset
-from bayescal.dataset.cameras import board, closed_form, lens_of
+from bayescal.dataset.cameras import board, board_of, closed_form, lens_of
 from bayescal.dataset.image_checks import LARGEST, SMALLEST, misfit, region
 from bayescal.errors import BayescalError
 
@@ -145,3 +145,13 @@ def test_a_planned_board_fills_a_share_of_the_shorter_edge_of_the_image(size):
         ends = np.array([[-0.5, 0.5], [-0.5, 0.5]]) * board_length / distance
         long = np.abs(np.diff(lens.pixels(ends), axis=1)).ravel()
         assert np.mean(long) == pytest.approx(share * min(size), rel=1e-6)
+
+
+@pytest.mark.parametrize("text", ["charuco:7x5:30mm:22mm", "checkerboard:9x6:25mm", "apriltag:36h11:40mm"])
+def test_points_of_a_board_go_clockwise_as_they_are_seen(text):
+    """Seen along +z they turn from x to y, seen against it the other way."""
+    one = board_of(text)
+    across, around = one.points[1] - one.points[0], one.points[-1] - one.points[0]
+    assert across[0] > 0
+    assert across[1] == 0
+    assert np.sign(np.cross(across, around)[2]) == one.front
