@@ -484,6 +484,8 @@ def test_the_same_seed_is_the_same_session(folder):
     other = bc.simulate(setup=path, **OPTIONS | {"seed": 2}).dataset.measurements
     np.testing.assert_array_equal(one.xyz, same.xyz)
     assert not np.allclose(one.readings, other.readings)
+    later = one.role == "validate"  # other poses than those of the fit
+    assert np.abs(one.readings[later][:, None] - one.readings[~later]).max(axis=2).min() > 1e-2
 
 
 def test_an_arm_without_masses_names_the_option_that_is_wrong(tmp_path):
