@@ -19,7 +19,6 @@ from bayescal.logs.schema import OF_JOINTS, SCHEMA, Arm, LogFile, MotionEntry, P
 from bayescal.logs.types import (
     CALIBRATE,
     FEWEST_ROWS,
-    TRANSITION,
     VALIDATE,
     Controller,
     Log,
@@ -186,7 +185,7 @@ def written_out(arm: Arm, name: str) -> Mechanism:
         place=np.array(frames),
         axis=axes / size[:, None],
         coupling=np.eye(len(joints)),
-        transition=TRANSITION if transition is None else transition,
+        transition=transition or 0.0,
         **values | {"inertia": values["inertia"][:, SIX]},  # type: ignore[arg-type]
     )
 

@@ -256,12 +256,13 @@ def arm_text(m: Mechanism) -> str:
         "centre_of_mass_mm": m.payload_centre,
         "radius_of_gyration_mm": m.payload_gyration,
     }
+    speed = {"friction_transition_degps": m.transition} if m.transition else {}
     block: Block = {
         "joints": [
             flow([("name", scalar(name)), *row_keys(columns, k, DIGITS)])
             for k, name in enumerate(m.joint_names)
         ],
-        "friction_transition_degps": in_file("friction_transition_degps", m.transition, DIGITS),
+        **{key: in_file(key, value, DIGITS) for key, value in speed.items()},
         "payload": flow((key, in_file(key, value, DIGITS)) for key, value in load.items()),
     }
     return "\n".join(block_lines(block)) + "\n"

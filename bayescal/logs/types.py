@@ -66,7 +66,7 @@ class Mechanism:
     limits: np.ndarray  # (n, 2) rad; nan where not known, or none
     fastest: np.ndarray  # (n,) rad/s, largest speeds; nan where not known
     coupling: np.ndarray  # (n, n)
-    transition: float = TRANSITION  # rad/s
+    transition: float = 0.0  # rad/s, 0 where none is stated
     payload_centre: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, in the last body's frame
     payload_gyration: float = 0.0  # m
     u: Uncertain = Uncertain()

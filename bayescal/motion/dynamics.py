@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -140,22 +141,43 @@ def carried(by: np.ndarray, inertials: np.ndarray, m: Mechanism, payload: np.nda
     return np.einsum("njkp,kp->nj", by, inertials) + by[:, :, -1] @ payload_of(m) * payload[:, None]
 
 
+def mean_inertia(m: Mechanism, inertials: np.ndarray, q: np.ndarray, payload: np.ndarray) -> np.ndarray:
+    """Inertia (n,) of all that each joint moves, without its rotor, kg m2: the mean of poses q (N, n)."""
+    poses, turning = np.repeat(q, m.n, axis=0), np.tile(np.eye(m.n), (len(q), 1))
+    by = regressor(m, poses, np.zeros_like(poses), turning, np.zeros(3))
+    torques = carried(by, inertials, m, np.repeat(payload, m.n))
+    return np.mean(np.sum(torques * turning, axis=1).reshape(-1, m.n), axis=0)
+
+
 SUBSTEPS = 8
 """Of the integration of a joint between two rows (assumed)."""
+STEPS, CLOSE = 8, 1e-6
+"""Of Newton's method in each at most, and force to the largest friction at which it ends (cost)."""
+
+
+class Followed(NamedTuple):
+    """What servos do by their commands, (N, n) each."""
+
+    position: np.ndarray  # rad
+    speed: np.ndarray  # rad/s
+    friction: np.ndarray  # over its largest, -1 to 1
 
 
 @compiled()
-def stuck(
+def followed(
     command: np.ndarray, load: np.ndarray, drive: np.ndarray, first: np.ndarray, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Friction of servos that follow commands, by an implicit integration of each joint.
+) -> np.ndarray:
+    """Motion of servos that follow commands, by an implicit integration of each joint.
+
+    Friction is its largest times a hyperbolic tangent of the speed over that of the reversal: where this is
+    small, friction holds the joint.
 
     Parameters
     ----------
     command, load : np.ndarray, shape (N, n)
         rad; N m, of links and payload.
-    drive : np.ndarray, shape (4, n)
-        Stiffness, Coulomb and viscous friction, inertia of the rotor; SI, positive.
+    drive : np.ndarray, shape (5, n)
+        Stiffness, Coulomb and viscous friction, inertia of the rotor, speed of the reversal; SI, positive.
     first : np.ndarray, shape (n,)
         Positions at the first row, where the joints rest.
     step : float
@@ -163,31 +185,33 @@ def stuck(
 
     Returns
     -------
-    tuple of np.ndarray, shape (N, n)
-        Friction over its largest, -1 to 1; the side on which it was largest last; whether the joint moves.
+    np.ndarray, shape (3, N, n)
+        As `Followed`.
     """
     rows, n = command.shape
-    out, side, moving = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n))
+    out = np.zeros((3, rows, n))
     small = step / SUBSTEPS
     for j in range(n):
-        stiffness, most, viscous, inertia = drive[:, j]
-        heavy = viscous + stiffness * small + inertia / small
-        q, v, last, held = first[j], 0.0, 0.0, 0.0
+        stiffness, most, viscous, inertia, slow = drive[:, j]
+        keeps = inertia / small
+        heavy = viscous + stiffness * small + keeps
+        q, v = first[j], 0.0
         for k in range(rows):
             before = max(k - 1, 0)
-            went = 0.0
+            rise = command[k, j] - command[before, j]
             for part in range(1, SUBSTEPS + 1):
                 x = part / SUBSTEPS
-                u = command[before, j] + x * (command[k, j] - command[before, j])
                 w = load[before, j] + x * (load[k, j] - load[before, j])
-                pull = stiffness * (u - q) - w + inertia / small * v
-                if pull > most:
-                    held, last, v = most, 1.0, (pull - most) / heavy
-                elif pull < -most:
-                    held, last, v = -most, -1.0, (pull + most) / heavy
-                else:
-                    held, v = pull, 0.0
-                went += 1.0 if v != 0.0 else 0.0
+                pull = stiffness * (command[before, j] + x * rise - q) - w + keeps * v
+                # Newton's method from below: the function is concave
+                size = max((abs(pull) - most) / heavy, abs(pull) / (heavy + most / slow))
+                for _ in range(STEPS):
+                    way = np.tanh(size / slow)
+                    excess = abs(pull) - most * way - heavy * size
+                    if excess < CLOSE * most:
+                        break
+                    size += excess / (most / slow * (1.0 - way**2) + heavy)
+                v, way = np.copysign(size, pull), np.copysign(way, pull)
                 q += small * v
-            out[k, j], side[k, j], moving[k, j] = held / most, last, went / SUBSTEPS
-    return out, side, moving
+            out[:, k, j] = q, v, way
+    return out

@@ -103,7 +103,7 @@ def noise_about(table: Table, fit: Fit) -> Noise:
     """The noise of what a fit leaves of the residuals of a table's motions.
 
     Of servos repeats do not tell it, which have the same stops. What a model of strong stiction lacks is
-    noise too. No servo moves as exactly as its stiffness says.
+    noise too, of servos that of any friction. No servo moves as exactly as its stiffness says.
     """
     parts = [part.signals for part in table.parts]
     log = parts[0].log
@@ -118,7 +118,9 @@ def noise_about(table: Table, fit: Fit) -> Noise:
         least[first : first + log.n] = NOISE.tracking * rms / log.controller.stiffness
         sd = np.where(noise.sd > 0.0, noise.sd, np.inf)  # of a joint that never moves it is not known
         noise = noise.wider(np.maximum(least / sd, 1.0))
-    return noise.wider(SERVOS.noise if servo else parts[0].wider * (NOISE.stuck if parts[0].stuck else 1.0))
+    stuck = parts[0].stuck
+    lacking = SERVOS.noise if servo and stuck is not None else NOISE.stuck if servo or stuck else 1.0
+    return noise.wider(parts[0].wider * lacking)
 
 
 def estimate_of(log: Log) -> Estimate:
@@ -184,8 +186,10 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
         if k == NOISE.held and log.torque_kind != SERVO:
             stuck = _stuck(used, model, noise)
             parts = tuple(s.changed(stuck=stuck) for s in parts)
+        if log.torque_kind == SERVO and k >= SERVOS.measured:
+            parts = tuple(model.simulated(s) for s in each(parts))
         out = Estimate(parts, model, fit.values, rms, noise)
-        if log.torque_kind == SERVO and settled:
+        if log.torque_kind == SERVO and settled and k > SERVOS.measured:
             break
     return out
 

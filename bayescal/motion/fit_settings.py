@@ -124,10 +124,16 @@ class ServoSettings:
     """Others that a log must determine (assumed)."""
     rounds: int = 20
     """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
+    measured: int = 6
+    """Rounds by measured motions before those by simulated ones, which need a good start (tuned)."""
     settled: float = 0.005
     """Relative change of the noise at which these end (cost)."""
     held: tuple[float, float] = (0.03, 0.08)
     """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
+    poses: int = 20
+    """Of a motion, in which inertias are computed (cost)."""
+    transition: float = 1e-4
+    """rad/s, of friction where none is stated: it holds a joint (assumed)."""
     narrow: float = 2e-4
     """rad, least error that friction holds (cost)."""
 

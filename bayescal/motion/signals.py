@@ -7,6 +7,7 @@ empty band a noise model would amplify nothing.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
@@ -21,7 +22,7 @@ from scipy.sparse import csr_matrix
 from bayescal.errors import BayescalError
 from bayescal.logs import Log, Motion
 from bayescal.logs.types import SERVO, SHORTEST
-from bayescal.motion.dynamics import carried, regressor
+from bayescal.motion.dynamics import Followed, carried, regressor
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import OUTCOME, SIGNALS
 
@@ -160,7 +161,13 @@ class Signals:
     stuck: float | None = SIGNALS.stuck  # s about rest in which stiction holds a joint; None: it does not
     telling: np.ndarray | bool = True  # (n,) whether the torque of a joint tells of it
     unsure: np.ndarray = field(default_factory=lambda: np.zeros(1))  # (n,) rad/s, noise of the speeds
+    measured: Signals | None = None  # with the motion as measured, where this one is simulated
     wider: float = 1.0  # noise over that of the residuals, where it is in their drivers too
+
+    @property
+    def position(self) -> np.ndarray:
+        """Measured positions (N, n), rad."""
+        return self.q if self.measured is None else self.measured.q
 
     @cached_property
     def weight(self) -> np.ndarray:
@@ -203,6 +210,11 @@ class Signals:
     @cached_property
     def loads(self) -> dict[bytes, np.ndarray]:
         """Torques (N, n) that the gears carry, of the last inertial parameters for which they were asked."""
+        return {}
+
+    @cached_property
+    def follows(self) -> dict[bytes, Followed]:
+        """What servos do by their commands, of the last model for which this was asked."""
         return {}
 
     @cached_property
@@ -256,8 +268,8 @@ def each(parts: Sequence[Signals]) -> Iterator[Signals]:
     for s in parts:
         yield s
         if sum(len(motion.time) for motion in s.log.motions) > SIGNALS.long:
-            for name in ("rigid", "tilted"):
-                s.__dict__.pop(name, None)
+            for signals, name in itertools.product((s, s.measured), ("rigid", "tilted")):
+                vars(signals or s).pop(name, None)
 
 
 def root_mean_square(parts: Iterable[np.ndarray]) -> np.ndarray:
@@ -309,12 +321,15 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * bands.rows))
+    stuck: float | None = SIGNALS.stuck
+    if log.torque_kind == SERVO:  # friction that is smooth in the speed holds no joint
+        stuck = None if log.mechanism.transition else 0.0
     warm = None if motion.temperature is None else np.interp(time, motion.time, motion.temperature) - cold
     return Signals(
         motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
         torque, sampled(motion.command), sampled(motion.link), warm,
         np.interp(time, motion.time, motion.payload), max(int(rows), 1), bands.rows,
-        0.0 if log.torque_kind == SERVO else SIGNALS.stuck, unsure=sd * gain,
+        stuck, unsure=sd * gain,
     )  # fmt: skip
 
 

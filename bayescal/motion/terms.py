@@ -15,10 +15,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.types import PAIRS, SERVO, TRACKING, inertial
-from bayescal.motion.dynamics import carried, stuck
+from bayescal.logs.types import PAIRS, SERVO, TRACKING, TRANSITION, inertial
+from bayescal.motion.dynamics import Followed, carried, followed, mean_inertia
 from bayescal.motion.fit_settings import SERVOS
-from bayescal.motion.settings import BASELINE
+from bayescal.motion.settings import BASELINE, SIGNALS
 from bayescal.motion.signals import Signals, derivative, low_passed
 from bayescal.robots.schema import SIX
 
@@ -84,7 +84,7 @@ class Operating:
         return replace(
             m, mass=mass, centre=centre, inertia=inertia, armature=self.armature / by,
             coulomb=self.coulomb / by, viscous=self.viscous / by,
-            transition=float(np.exp(np.mean(np.log(self.transition)))),
+            transition=float(np.exp(np.mean(np.log(self.transition)))) if m.transition or not servo else 0.0,
         )  # fmt: skip
 
     @property
@@ -104,22 +104,39 @@ class Operating:
     def reversal(self, s: Signals) -> np.ndarray:
         """Direction of motion (N, n), -1 to 1; of a servo the error that friction holds, over its largest."""
         if s.log.torque_kind == SERVO:
-            return self.stuck(s)[0]
+            return self.followed(s).friction
         return np.tanh(s.dq / self.transition)
 
-    def by_friction(self, s: Signals) -> np.ndarray:
-        """Derivative (N, n) of the torque by Coulomb friction."""
-        return self.stuck(s)[1] if s.log.torque_kind == SERVO else self.reversal(s)
+    def followed(self, s: Signals) -> Followed:
+        """What servos do by their commands."""
+        key = b"".join(x.tobytes() for x in vars(self).values())
+        if key not in s.follows:
+            s.follows.clear()
+            s.follows[key] = self._followed(s)
+        return s.follows[key]
 
-    def stuck(self, s: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Friction of servos, see `bayescal.motion.dynamics.stuck`."""
+    def _followed(self, s: Signals) -> Followed:
         stiffness = s.log.controller.stiffness
         assert stiffness is not None
         least = SERVOS.narrow * stiffness
-        drive = np.array([stiffness, self.coulomb, self.viscous, self.armature])
-        drive = np.maximum(drive, [least, least, least, 0.0 * least])
-        load = self.gain * self.load(s) + self.offset
-        return stuck(self.commands(s), load, drive, s.q[0], s.step)
+        # with the rotors: otherwise simulations would not converge
+        few = slice(None, None, max(len(s.q) // SERVOS.poses, 1))
+        links = self.gain * mean_inertia(s.log.mechanism, self.inertials, s.q[few], s.payload[few])
+        drive = np.array([stiffness, self.coulomb, self.viscous, self.armature + links, self.transition])
+        drive = np.maximum(drive, np.multiply.outer([1.0, 1.0, 1.0, 0.0, 0.0], least))
+        load = self.gain * self.load(s) + self.offset - links * s.ddq
+        command = self.commands(s)
+        first = command[0] - self.measured(s)[0] / stiffness
+        return Followed(*followed(command, load, drive, first, s.step))
+
+    def simulated(self, s: Signals) -> Signals:
+        """Signals with the motion of servos by their commands in place of the measured one.
+
+        What disturbs a servo moves it too: measured speeds and accelerations have the noise of the errors.
+        """
+        q = low_passed(self.followed(s).position, s.step, s.band * SIGNALS.wide / SIGNALS.band)
+        dq = derivative(q, s.step)
+        return replace(s, q=q, dq=dq, ddq=derivative(dq, s.step), measured=s.measured or s)
 
     def commands(self, s: Signals) -> np.ndarray:
         """Commands (N, n), at the times at which the servos act on them."""
@@ -176,8 +193,7 @@ def later(s: Signals, model: Operating) -> np.ndarray:
     """Columns (N, n) of a later torque: minus its rate; of servos the rate of the commands."""
     if s.log.torque_kind != SERVO:
         return -derivative(model.measured(s), s.step)
-    # where friction holds a joint, it takes up what the command changes
-    return s.log.controller.stiffness * derivative(model.commands(s), s.step) * model.stuck(s)[2]
+    return s.log.controller.stiffness * derivative(model.commands(s), s.step)
 
 
 def nominal(log: Log, rms: np.ndarray) -> Operating:
@@ -185,9 +201,10 @@ def nominal(log: Log, rms: np.ndarray) -> Operating:
     m = log.mechanism
     bodies = np.column_stack([m.mass, m.centre, m.inertia[:, *np.transpose(PAIRS)]])
     coulomb = np.where(np.isnan(m.coulomb), BASELINE.friction * rms, m.coulomb)
+    transition = m.transition or (SERVOS.transition if log.torque_kind == SERVO else TRANSITION)
     return Operating(
         bodies, np.nan_to_num(m.armature), coulomb, np.nan_to_num(m.viscous), np.zeros(m.n),
-        np.full(m.n, m.transition), np.full(m.n, log.alignment), np.ones(m.n),
+        np.full(m.n, transition), np.full(m.n, log.alignment), np.ones(m.n),
     )  # fmt: skip
 
 
@@ -247,26 +264,28 @@ def baseline(s: Signals, model: Operating, rms: np.ndarray) -> Iterator[Column]:
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
-    way, friction, servo = model.reversal(s), model.by_friction(s), log.torque_kind == SERVO
-    gain = np.ones(m.n) if servo else model.gain
-    turning = -gain * model.coulomb * (1.0 - way**2)
-    slopes, forms = turning * s.dq / model.transition, turning * way
+    servo = log.torque_kind == SERVO
+    way, gain = model.reversal(s), np.ones(m.n) if servo else model.gain
+    slopes = -gain * model.coulomb * (1.0 - way**2) * s.dq / model.transition
+    forms = -gain * model.coulomb * (1.0 - way**2) * way
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     for j in range(m.n):
         stated, sd = m.u.armature * m.armature[j], BASELINE.friction * scale[j]
         armature = stated if stated > 0.0 else scale[j] / BASELINE.acceleration
         yield Term(f"armature {j + 1}", "kg m2", armature, j, True), gain[j] * s.ddq[:, j]
-        yield Term(f"coulomb {j + 1}", "N m", sd, j, True), gain[j] * friction[:, j]
+        yield Term(f"coulomb {j + 1}", "N m", sd, j, True), gain[j] * way[:, j]
         yield Term(f"viscous {j + 1}", "N m s/rad", sd, j, True), gain[j] * s.dq[:, j]
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
-        if not servo:
+        if m.transition or not servo:
             yield Term(f"transition {j + 1}", "1", BASELINE.transition, j, True), slopes[:, j]
+        if not servo:
             yield Term(f"{FORM} {j + 1}", "1", BASELINE.reversal, j, True), forms[:, j]
         if log.u_constant:
             shown = model.load(s) if servo else model.torque(s)
             yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
-    if not servo:
+    if m.transition or not servo:
         yield Term("transition", "1", m.u.transition, moves=True), slopes
+    if not servo:
         yield Term(FORM, "1", BASELINE.reversals, moves=True), forms
     yield Term("alignment", "s", log.u_alignment), later(s, model)
     driven = model.driven(s) if TRACKING in log.kinds else None
@@ -286,7 +305,12 @@ def baseline(s: Signals, model: Operating, rms: np.ndarray) -> Iterator[Column]:
 
 
 def residuals(s: Signals, model: Operating) -> np.ndarray:
-    """Residuals (N, C) of all channels: torques less those of the model; tracking; links."""
+    """Residuals (N, C) of all channels: torques less those of the model; tracking; links.
+
+    They are of the measured motion. Where columns are those of a simulated one, noise is in residuals alone.
+    """
+    if s.measured is not None:
+        s = s.measured if s.torque is s.measured.torque else s.measured.changed(torque=s.torque)
     out = [model.measured(s) - model.shown(s)]
     for kind in s.log.kinds[1:]:
         if kind == TRACKING:

@@ -17,6 +17,7 @@ import numpy as np
 from bayescal.arm.motion import NominalArm
 from bayescal.dataset.types import Tool
 from bayescal.logs import Log
+from bayescal.logs.types import TRANSITION
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import SLOW, gravity_torques, joints_of
@@ -172,7 +173,8 @@ class Bounds:
         m = self.log.mechanism
         rigid = regressor(m, q, dq, ddq, self.log.gravity)
         load = rigid[:, :, -1] @ payload_of(m) * kilograms
-        friction = np.nan_to_num(m.coulomb) * np.tanh(dq / m.transition) + np.nan_to_num(m.viscous) * dq
+        way = np.tanh(dq / (m.transition or TRANSITION))
+        friction = np.nan_to_num(m.coulomb) * way + np.nan_to_num(m.viscous) * dq
         arm = np.einsum("njkp,kp->nj", rigid, m.inertials)
         return np.asarray(arm + load + friction + np.nan_to_num(m.armature) * ddq)
 

@@ -73,12 +73,12 @@ def replayed(
         position, torque, blocks = [], [], []
         for s in held:
             q, applied = _motion(simulator, arm, law.over(np.asarray(arm.gain)), s)
-            far = np.max(np.abs(q - s.q)) if np.all(np.isfinite(q)) else np.inf
+            far = np.max(np.abs(q - s.position)) if np.all(np.isfinite(q)) else np.inf
             if far > CONTROLLER.lost:
                 what = "nowhere near" if np.isinf(far) else f"{far:.2g} rad off"
                 return f"motion {s.name} of the {name} arm ends {what} the log: the replay is not a measure"
             moving = np.any(np.abs(s.unfiltered(s.dq)) > OUTCOME.moving, axis=1)
-            position.append(s.unfiltered(q - s.q)[moving])
+            position.append(s.unfiltered(q - s.position)[moving])
             torque.append(s.unfiltered(applied * arm.gain + arm.offset - _measured(s, arm.late))[moving])
             count = max(round(len(position[-1]) * s.step / OUTCOME.block), 1)
             blocks += [np.mean(part**2, axis=0) for part in np.array_split(position[-1], count)]
@@ -93,7 +93,7 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 def _motion(simulator: Any, arm: Arm, law: Law, s: Signals) -> tuple[np.ndarray, np.ndarray]:
     """Positions and torques (N, n) of a simulated motion."""
-    commands = _commands(s, arm.late)
+    commands, measured = _commands(s, arm.late), s.position
     s = replace(s, command=commands)
     model = _driven(simulator, arm.text, law, s)
     last = s
@@ -105,7 +105,7 @@ def _motion(simulator: Any, arm: Arm, law: Law, s: Signals) -> tuple[np.ndarray,
         if not np.all(np.isfinite(q)):
             break
         change, last = np.sqrt(np.mean((q - last.q) ** 2)), _along(s, q, dq)
-        error = np.sqrt(np.mean((q - s.q) ** 2))
+        error = np.sqrt(np.mean((q - measured) ** 2))
         if arm.further is None or change < CONTROLLER.settled * error:
             break
     return q, law.torque(commands, _speed(s), q, dq) + drives

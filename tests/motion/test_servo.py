@@ -16,41 +16,49 @@ from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.types import SERVO, TORQUE
 from bayescal.motion.controller import is_servo, with_torques
-from bayescal.motion.dynamics import carried, regressor, stuck
+from bayescal.motion.dynamics import Followed, carried, followed, regressor
 from bayescal.motion.effects import EFFECTS
-from bayescal.motion.estimate import spread_of_servos
+from bayescal.motion.estimate import estimate_of, spread_of_servos
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.signals import all_signals
 
 
-def held(u, load=0.0, stiffness=10.0, friction=1.0):
-    """Friction, side and motion of one joint with hardly any inertia or viscous friction."""
-    drive = np.array([[stiffness], [friction], [1e-3], [1e-6]])
-    out = stuck(u[:, None], np.full((len(u), 1), load), drive, np.array([u[0] - load / stiffness]), 0.02)
-    return [x[:, 0] for x in out]
+def held(u, load=0.0, stiffness=10.0, friction=1.0, slow=1e-4):
+    """Motion of one joint with hardly any inertia or viscous friction."""
+    drive = np.array([[stiffness], [friction], [1e-3], [1e-6], [slow]])
+    out = followed(u[:, None], np.full((len(u), 1), load), drive, np.array([u[0] - load / stiffness]), 0.02)
+    return Followed(*out[:, :, 0])
 
 
 def test_friction_holds_a_joint_until_the_error_exceeds_it():
     """Up by 1 rad and back, at 10 N m/rad and 1 N m: it moves after .1 rad, and back after .2 rad."""
     u = np.r_[np.linspace(0.0, 1.0, 101), np.linspace(0.99, 0.0, 100)]
     for load in (0.0, 3.0):  # a constant load displaces the joint and changes nothing else
-        friction, side, moves = held(u, load)
+        motion = held(u, load)
+        friction = motion.friction
         assert friction[:11] == pytest.approx(np.linspace(0.0, 1.0, 11), abs=0.02)
-        assert friction[15:100] == pytest.approx(1.0, abs=1e-9)
+        assert friction[15:100] == pytest.approx(1.0, abs=1e-6)
         assert friction[100:121] == pytest.approx(np.linspace(1.0, -1.0, 21), abs=0.05)
-        assert friction[125:] == pytest.approx(-1.0, abs=1e-9)
-        assert side[5] == 0.0
-        assert side[110] == 1.0  # held, on the side on which it moved last
-        assert side[-1] == -1.0
-        assert np.all(moves[15:99] == 1.0)
-        assert np.all(moves[102:118] == 0.0)
+        assert friction[125:] == pytest.approx(-1.0, abs=1e-6)
+        assert motion.position[15:100] == pytest.approx(u[15:100] - 0.1 - load / 10.0, abs=1e-3)
+        assert motion.speed[15:100] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_smooth_friction_lets_a_joint_creep():
+    """At 0.3 of the largest torque a joint creeps at atanh(0.3) of the speed of the reversal."""
+    u = np.full(400, 0.03)
+    u[0] = 0.0
+    load, drive = np.full((400, 1), -0.3), np.array([[1e-3], [1.0], [1e-6], [1e-6], [0.03]])
+    motion = Followed(*followed(u[:, None], load, drive, np.zeros(1), 0.02)[:, :, 0])
+    assert motion.speed[5:] == pytest.approx(np.arctanh(0.3) * 0.03, rel=1e-3)
+    assert motion.friction[5:] == pytest.approx(0.3, rel=1e-3)
 
 
 def test_a_joint_without_friction_follows():
     u = np.sin(np.linspace(0.0, 6.0, 400))
-    friction, _, moves = held(u, friction=1e-4)
-    assert np.all(moves[5:] > 0.0)
-    assert np.abs(friction).max() <= 1.0
+    motion = held(u, friction=1e-4)
+    assert motion.position == pytest.approx(u, abs=1e-3)
+    assert np.abs(motion.friction).max() <= 1.0
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +69,24 @@ def logs(tmp_path_factory):
         settings, columns, truth = make(7, number, kind, 6, 9.0, 25.0)
         made[kind] = write(folder / kind, settings, columns), truth
     return made
+
+
+@pytest.mark.parametrize("smooth", [0.03, 0.0])
+def test_friction_and_delay_of_servos_are_found(smooth, tmp_path):
+    """In units of the stated stiffness. By measured speeds the delay is 6 ms off, friction 0.1 N m s/rad."""
+    settings, columns, truth = make(7, 2, "null", 6, 9.0, 50.0, smooth)
+    estimate = estimate_of(read_log(write(tmp_path / "log", settings, columns)))
+    model, step_of_commands = estimate.model, 0.02
+    over = np.array(settings["controller"]["kp_Nm_per_rad"]) / truth["stiffness"]
+    assert model.coulomb == pytest.approx(truth["coulomb"] * over, rel=0.1)
+    assert model.viscous == pytest.approx(truth["viscous"] * over, abs=0.04)
+    assert model.shift == pytest.approx(truth["late_s"] + step_of_commands / 2.0, abs=2e-3)
+    if smooth:
+        assert np.mean(model.transition) == pytest.approx(smooth, rel=0.25)
+    s = estimate.parts[0]
+    readings = np.column_stack([columns[f"q{j + 1}_deg"] for j in range(s.log.n)])[: len(s.q)]
+    assert s.position == pytest.approx(np.radians(readings), abs=3e-3)
+    assert np.std(s.q - s.position) > 1e-4  # it is the simulated motion
 
 
 def test_the_error_of_a_servo_is_its_torque(logs):

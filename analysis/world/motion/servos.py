@@ -104,9 +104,13 @@ def follow(
 
 
 def make(
-    seed: int, number: int, kind: str, motions: int = 8, length: float = 12.0, rate: float = 0.0
-) -> tuple[dict, dict, dict]:
-    """Settings, columns and ground truth of a log; `kind` of `SIZES`."""
+    seed: int, number: int, kind: str, motions: int = 8, length: float = 12.0, rate: float = 0.0,
+    smooth: float = 0.0,
+) -> tuple[dict, dict, dict]:  # fmt: skip
+    """Settings, columns and ground truth of a log; `kind` of `SIZES`.
+
+    Friction holds the joints, or reverses within a speed `smooth`, rad/s, which the log states.
+    """
     rng = np.random.default_rng([seed, 28, number])
     drawn = nominal()
     arm = arms.true(rng, drawn)
@@ -139,7 +143,7 @@ def make(
             out = out + size * one * np.abs(load)
         if kind == "stribeck":
             out = out + size * one * np.exp(-((v / 0.15) ** 2))
-        return out
+        return out * np.tanh(np.abs(v) / smooth) if smooth else out
 
     def viscous(v: np.ndarray) -> np.ndarray:
         return arm.viscous + (size * one * np.sign(v) if kind == "asymmetric-friction" else 0.0)
@@ -164,8 +168,9 @@ def make(
     same = [str(1 if k < 2 else k + 1) for k in range(motions)]
     each = zip([str(k + 1) for k in range(motions)], roles, kinds, same, loads, strict=True)
     entries = [dict(zip(keys, values, strict=True)) for values in each]
+    robot = _robot(drawn) | ({"friction_transition_degps": float(np.degrees(smooth))} if smooth else {})
     settings = {
-        "schema": "bayescal-motion/1", "name": f"servo log {number:03d}", "robot": _robot(drawn),
+        "schema": "bayescal-motion/1", "name": f"servo log {number:03d}", "robot": robot,
         "gravity_mps2": [0, 0, -9.81], "rate_hz": rate,
         "controller": {"kind": "position", "kp_Nm_per_rad": [float(f"{v:.3g}") for v in stated]},
         "motions": entries,
@@ -173,6 +178,7 @@ def make(
     names = {"null": [], "cable": ["unknown"], "late": []}.get(kind, [kind])
     site = "tool" if kind == "payload" else f"joint {j + 1}"
     drives = {"stiffness": stiffness.tolist(), "late_s": late, "coulomb": arm.coulomb.tolist()}
+    drives["viscous"] = arm.viscous.tolist()
     truth = {"kind": kind, "effects": names, "site": site, "size": size, **drives}
     return settings, columns, truth
 
