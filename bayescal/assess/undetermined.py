@@ -213,12 +213,14 @@ def _described(
     names = [p.name for p in identifiability.parameters]
     shown = np.max(np.abs(v), axis=1) > SHOWN
     covariance = v.T @ np.linalg.solve(np.eye(len(v)) + identifiability.information, v)
-    if state == "measure":
+    of = {p.effect for p, show in zip(identifiability.parameters, shown, strict=True) if show}
+    if state != "redundant" and of == {"camera"}:
+        reason, remedy = OTHERWISE["stated"]
+    elif state == "measure":
         reason = " and ".join(CHANGES[c][0](session) for c in changes)
         remedy = ", ".join(CHANGES[c][1](session) for c in changes)
     else:
-        every = {p.effect for p, show in zip(identifiability.parameters, shown, strict=True) if show}
-        reason, remedy = OTHERWISE["stated" if state == "noise" and every == {"camera"} else state]
+        reason, remedy = OTHERWISE[state]
     parameters = tuple(n for n, show in zip(names, shown, strict=True) if show)
     if state == "redundant" and v.shape[1] < len(parameters):
         reason = COMBINED
