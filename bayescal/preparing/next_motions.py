@@ -116,13 +116,15 @@ class Bounds:
                 for r, x in zip(rates, motions, strict=True)]  # fmt: skip
         most = np.maximum(HARDER * np.median(hard, axis=0), SOFTEST)
         torques = [x.torque for x in motions if x.torque is not None]
-        logged = np.abs(np.concatenate(torques)).max(axis=0) if torques else np.full(m.n, np.inf)
+        logged = np.abs(np.concatenate(torques)).max(axis=0) if torques else np.full(m.n, np.nan)
         torque = np.fmax(RATED * m.rated, STRONGER * logged)
         assumed = ["what stands around the arm is not known: run the motions slowly first"]
         unknown = np.isnan(m.fastest)
         speed = np.where(unknown, np.maximum(fastest, QUICK), STATED * m.fastest)
         if unknown.any():
             assumed.append(f"largest speeds are not stated: those logged, or {QUICK:.3g} rad/s, are assumed")
+        if np.isnan(torque).any():
+            assumed.append("largest torques are neither stated nor logged: motions keep none")
         bounds = cls(log, step, home, low, high, speed, most, torque, tuple(assumed))
         if robot is None:
             more = "dataset.yaml has no shape of the arm: motions stay within the range of the log"
@@ -302,8 +304,9 @@ def next_motions(log: Log, effects: Collection[str] = (), sites: Sequence[str] =
         Joints ('joint 3') at which a diagnosis has left a cause open: each is moved alone.
     """
     bounds = Bounds.of(log)
-    codes = {f.code for f in missing(log, joints_of(log), "")}
-    if codes & {"no_torque", "unsigned"}:
+    findings = list(missing(log, joints_of(log), ""))
+    codes = {f.code for f in findings}
+    if any(f.kind == "refused" for f in findings):
         why = "without torques with a sign no motion tells more: log them first"
         return MotionPlan((), (why,), bounds)
     asked = [p for p in PURPOSES if p.codes & codes or set(p.effects) & set(effects)]

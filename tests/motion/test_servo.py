@@ -21,6 +21,7 @@ from bayescal.motion.effects import EFFECTS
 from bayescal.motion.estimate import estimate_of, spread_of_servos
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.signals import all_signals
+from bayescal.preparing.next_motions import next_motions
 
 
 def held(u, load=0.0, stiffness=10.0, friction=1.0, slow=1e-4):
@@ -148,6 +149,15 @@ def test_check_says_what_can_be_assessed(logs):
     assert "lag of the command" in data.not_assessed["armature"]
     assert "stiction" in data.not_assessed["backlash"]
     assert data.not_assessed["torque-constant"] == "no torques are logged"
+
+
+def test_motions_of_servos_to_log_next_keep_the_rated_torque(logs):
+    log = read_log(logs["cable"][0])
+    plan = next_motions(log, (), ("joint 2",))
+    assert [m.name for m in plan.motions][-1] == "joint-2"
+    assert plan.bounds.torque == pytest.approx(0.8 * log.mechanism.rated)
+    bare = replace(log, mechanism=replace(log.mechanism, rated=np.full(5, np.nan)))
+    assert any("neither stated nor logged" in text for text in next_motions(bare).bounds.assumed)
 
 
 def test_a_gap_is_crossed_where_the_torque_changes_its_sign(logs):
