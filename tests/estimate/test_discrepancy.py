@@ -10,6 +10,8 @@ from sessions import misread
 
 import bayescal.estimate.moments as size_module
 from bayescal.assess.agreement import pair
+from bayescal.assess.inputs import NOISE
+from bayescal.calibration import basis_of
 from bayescal.dataset.join import joined
 from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import LEAST_WHITE, Inputs, families, inputs, mixed, stated
@@ -24,9 +26,11 @@ from bayescal.estimate.moments import (
     within_poses,
 )
 from bayescal.estimate.solver import linearise
+from bayescal.fitted.unmodelled import Unmodelled
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
+from bayescal.statistics import rms
 
 FULL = ("geometry", "compliance")
 
@@ -364,6 +368,14 @@ def test_no_stated_uncertainty_is_smaller_than_the_plain_one(sick):
     """Also where the discrepancy explains most of the residual variance, of any combination of unknowns."""
     more = sick.covariance - sick.plain.covariance
     assert np.min(np.linalg.eigvalsh(more)) > -1e-9 * np.max(np.linalg.eigvalsh(sick.covariance))
+
+
+def test_an_exported_arm_has_the_noise_of_the_budget(sick):
+    """Without the share of the residuals that the discrepancy explains."""
+    basis = basis_of(sick.plain)
+    exported, contacts = Unmodelled.of(basis).noise, sick.plain.model.blocks[0]
+    noise = next(p.input for p in basis.propagated if p.input.group == NOISE)
+    assert noise.u == pytest.approx(exported[contacts.group] * rms(contacts.sigma))
 
 
 def test_an_effect_that_no_model_has_widens_the_parameters_that_it_biases(clean, sick):
