@@ -1,8 +1,7 @@
 """The error that withheld motions should have, by what a model leaves of fitted ones, with its interval.
 
 Withheld motions may be faster. What the torque of a model has above the band of the rows is not fitted: a
-share of it is an error, of derivatives, of friction at reversals, of commands between two rows. Their joints
-may also rest more while others move: friction holds such a joint with any torque up to its own.
+share of it is an error, of derivatives, of friction at reversals, of commands between two rows.
 """
 
 from __future__ import annotations
@@ -45,22 +44,20 @@ def expected_of(
     fit : Fit
         Its covariance is that of the parameters.
     """
-    sums = [(_sums(x, s), _further(model, s)[:, 0], len(s.time) * s.step) for s, x in off]
+    sums = [(_sums(x, s), _sums(_faster(model, s), s)[0], len(s.time) * s.step) for s, x in off]
     squares, counts = np.array([of for of, _, _ in sums]).swapaxes(0, 1)
     more = np.array([of for _, of, _ in sums])
-    withheld = np.sum([_further(model, p.signals) for p in held.parts], axis=0)
+    squared, rows = np.sum([_sums(_faster(model, p.signals), p.signals) for p in held.parts], axis=0)
     total = np.maximum(counts.sum(axis=0), 1.0)
     floor, inside = squares.sum(axis=0) / total, more.sum(axis=0) / total
-    outside = withheld[:, 0] / np.maximum(withheld[:, 1], 1.0)
-    size = np.array([np.full(len(floor), OUTCOME.faster**2), model.coulomb**2 / 3.0])
-    share = np.minimum(size, floor / np.maximum(inside, 1e-300))
-    further = np.sum(share * (outside - inside), axis=0)
+    share = np.minimum(OUTCOME.faster**2, floor / np.maximum(inside, 1e-300))
+    further = share * (squared / np.maximum(rows, 1.0) - inside)
     by = [[np.mean(np.sum(x**2, axis=1)) for x in of[: len(floor)]] for of in fit.followed(held)]
     u = np.mean(by, axis=0)
     whole = np.maximum(floor + further + u, 1e-300)
     # of the logarithms of mean squares: scatter between motions, what is further, parameters
     moved = counts > 0.0
-    usual = floor + np.sum(share * (more / np.maximum(counts, 1.0)[:, None] - inside), axis=1)
+    usual = floor + share * (more / np.maximum(counts, 1.0) - inside)
     ratio = np.where(moved, squares / np.maximum(counts, 1.0), 1.0) / np.where(usual > 0.0, usual, 1.0)
     logs = np.log(np.where(moved & (ratio > 0.0), ratio, 1.0))
     scatter = 2.0 * OUTCOME.block * len(sums) / sum(seconds for _, _, seconds in sums)
@@ -91,12 +88,6 @@ def _sums(x: np.ndarray, s: Signals) -> tuple[np.ndarray, np.ndarray]:
     """Sums (n,) of squares of moving samples (N, n), and their number."""
     moving = where_moving(x, s)
     return np.nansum(moving**2, axis=0), np.sum(np.isfinite(moving), axis=0)
-
-
-def _further(model: Operating, s: Signals) -> np.ndarray:
-    """Sums (2, 2, n) of squares of what is faster than the rows, and of rest, with the numbers of samples."""
-    rests = np.abs(s.unfiltered(s.dq)) <= OUTCOME.moving
-    return np.array([_sums(_faster(model, s), s), _sums(rests.astype(float), s)])
 
 
 def _faster(model: Operating, s: Signals) -> np.ndarray:

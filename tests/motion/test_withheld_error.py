@@ -22,7 +22,7 @@ def motion(fast, role):
     torque = 3.0 * np.sin(2 * np.pi * 0.4 * TIME)[:, None] + above
     return SimpleNamespace(
         time=TIME, step=STEP, band=4.0, log=log, role=role, torque=torque, above=above,
-        unfiltered=lambda x: x, moves=np.ones((len(TIME), 1), bool), dq=np.ones((len(TIME), 1)),
+        unfiltered=lambda x: x, moves=np.ones((len(TIME), 1), bool),
     )  # fmt: skip
 
 
@@ -36,7 +36,7 @@ def test_faster_motions_have_a_larger_error(times, u):
     """Ten times as fast the error was 2 to 13 times what fitted motions left."""
     fitted = [motion(0.5, "calibrate") for _ in range(5)]
     held = [motion(0.5 * times, "validate") for _ in range(2)]
-    model = SimpleNamespace(shown=lambda s: s.torque, coulomb=np.zeros(1))
+    model = SimpleNamespace(shown=lambda s: s.torque)
     table = SimpleNamespace(parts=[SimpleNamespace(signals=s) for s in held])
     fit = SimpleNamespace(followed=lambda table: [[np.full((9, 1), u)] for _ in held])
     found = expected_of(model, ((s, error(s)) for s in fitted), table, fit)
@@ -47,23 +47,6 @@ def test_faster_motions_have_a_larger_error(times, u):
     assert low * high == pytest.approx(1.0)
     # the share is known within a factor of about three
     assert (high > 1.6) == (times > 1.0 or u > 0.0)
-
-
-def test_joints_that_rest_more_have_the_torques_that_friction_holds():
-    model = SimpleNamespace(shown=lambda s: s.torque, coulomb=np.array([1.5]))
-
-    def rested(share, role):
-        s = motion(0.0, role)
-        s.dq[: int(share * len(TIME))] = 0.0
-        return s, error(s) + np.where(s.dq == 0.0, RNG.uniform(-1.5, 1.5, s.dq.shape), 0.0)
-
-    fitted = [rested(0.1, "calibrate") for _ in range(5)]
-    held = [rested(0.4, "validate") for _ in range(2)]
-    table = SimpleNamespace(parts=[SimpleNamespace(signals=s) for s, _ in held])
-    fit = SimpleNamespace(followed=lambda table: [[np.zeros((9, 1))] for _ in held])
-    found = expected_of(model, fitted, table, fit)
-    true = np.sqrt(np.mean(np.concatenate([x for _, x in held]) ** 2))
-    assert found.rms == pytest.approx([true], rel=0.06)
 
 
 def test_faster_withheld_motions_have_more_noise():
