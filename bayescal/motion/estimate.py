@@ -135,10 +135,11 @@ def estimate_of(log: Log) -> Estimate:
     """
     log = with_torques(log)
     bands, whole = Bands.of(log.divided), log.divided
+    if log.torque_kind == SERVO:
+        out = _of_servos(log, bands)
+        return _alike(out) if log.controller.stated else out
     while True:
         out = estimated(all_signals(log, bands))
-        if log.torque_kind == SERVO:
-            return _alike(out) if log.controller.stated else out
         share = bands.share(whole, out.noise.sd[: log.n])
         if share <= SIGNALS.small:
             return out
@@ -146,6 +147,16 @@ def estimate_of(log: Log) -> Estimate:
             wider = (share / SIGNALS.small) ** SIGNALS.unsure
             return estimated(tuple(s.changed(wider=wider) for s in out.parts))
         bands = bands.narrower(share)
+
+
+def _of_servos(log: Log, bands: Bands) -> Estimate:
+    """Of servos: with friction as stated, or, where that is contradicted, with one that holds joints."""
+    out, m = estimated(all_signals(log, bands)), log.mechanism
+    if not m.transition or out.moved["transition"] > -SERVOS.sudden * m.u.transition:
+        return out
+    note = "friction holds the joints: the log contradicts `friction_transition_degps`"
+    log = replace(log, mechanism=replace(m, transition=0.0), notes=(*log.notes, note))
+    return estimated(all_signals(log, bands))
 
 
 def _alike(of: Estimate) -> Estimate:

@@ -130,6 +130,8 @@ class ServoSettings:
     """Relative change of the noise at which these end (cost)."""
     held: tuple[float, float] = (0.03, 0.08)
     """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
+    sudden: float = 3.0
+    """Prior standard deviations from which on a transition faster than stated is one that holds (tuned)."""
     poses: int = 20
     """Of a motion, in which inertias are computed (cost)."""
     transition: float = 1e-4

@@ -76,7 +76,8 @@ def logs(tmp_path_factory):
 def test_friction_and_delay_of_servos_are_found(smooth, tmp_path):
     """In units of the stated stiffness. By measured speeds the delay is 6 ms off, friction 0.1 N m s/rad."""
     settings, columns, truth = make(7, 2, "null", 6, 9.0, 50.0, smooth)
-    estimate = estimate_of(read_log(write(tmp_path / "log", settings, columns)))
+    log = read_log(write(tmp_path / "log", settings, columns))
+    estimate = estimate_of(log)
     model, step_of_commands = estimate.model, 0.02
     over = np.array(settings["controller"]["kp_Nm_per_rad"]) / truth["stiffness"]
     assert model.coulomb == pytest.approx(truth["coulomb"] * over, rel=0.1)
@@ -84,6 +85,11 @@ def test_friction_and_delay_of_servos_are_found(smooth, tmp_path):
     assert model.shift == pytest.approx(truth["late_s"] + step_of_commands / 2.0, abs=2e-3)
     if smooth:
         assert np.mean(model.transition) == pytest.approx(smooth, rel=0.25)
+    else:  # stated, but the log contradicts it
+        log = replace(log, mechanism=replace(log.mechanism, transition=0.03))
+        corrected = estimate_of(log)
+        assert corrected.parts[0].log.notes[-1].startswith("friction holds the joints")
+        assert corrected.model.coulomb == pytest.approx(model.coulomb)
     s = estimate.parts[0]
     readings = np.column_stack([columns[f"q{j + 1}_deg"] for j in range(s.log.n)])[: len(s.q)]
     assert s.position == pytest.approx(np.radians(readings), abs=3e-3)
