@@ -141,25 +141,23 @@ def carried(by: np.ndarray, inertials: np.ndarray, m: Mechanism, payload: np.nda
     return np.einsum("njkp,kp->nj", by, inertials) + by[:, :, -1] @ payload_of(m) * payload[:, None]
 
 
-def mean_inertia(m: Mechanism, inertials: np.ndarray, q: np.ndarray, payload: np.ndarray) -> np.ndarray:
-    """Inertia (n,) of all that each joint moves, without its rotor, kg m2: the mean of poses q (N, n)."""
+def inertia_matrix(m: Mechanism, inertials: np.ndarray, q: np.ndarray, payload: np.ndarray) -> np.ndarray:
+    """Inertia matrices (N, n, n) of links and payloads (N,), kg, at poses q (N, n), without rotors; kg m2."""
     poses, turning = np.repeat(q, m.n, axis=0), np.tile(np.eye(m.n), (len(q), 1))
     by = regressor(m, poses, np.zeros_like(poses), turning, np.zeros(3))
-    torques = carried(by, inertials, m, np.repeat(payload, m.n))
-    return np.mean(np.sum(torques * turning, axis=1).reshape(-1, m.n), axis=0)
+    return carried(by, inertials, m, np.repeat(payload, m.n)).reshape(-1, m.n, m.n)
 
 
 SUBSTEPS = 8
 """Of the integration of a joint between two rows (assumed)."""
-STEPS, CLOSE = 8, 1e-6
-"""Of Newton's method in each at most, and force to the largest friction at which it ends (cost)."""
+STEPS, CLOSE = 8, 1e-9
+"""Of Newton's method in each at most, and the torque over the largest friction at which it ends (cost)."""
 
 
 class Followed(NamedTuple):
     """What servos do by their commands, (N, n) each."""
 
     position: np.ndarray  # rad
-    speed: np.ndarray  # rad/s
     friction: np.ndarray  # over its largest, -1 to 1
 
 
@@ -185,11 +183,11 @@ def followed(
 
     Returns
     -------
-    np.ndarray, shape (3, N, n)
+    np.ndarray, shape (2, N, n)
         As `Followed`.
     """
     rows, n = command.shape
-    out = np.zeros((3, rows, n))
+    out = np.zeros((2, rows, n))
     small = step / SUBSTEPS
     for j in range(n):
         stiffness, most, viscous, inertia, slow = drive[:, j]
@@ -213,5 +211,5 @@ def followed(
                     size += excess / (most / slow * (1.0 - way**2) + heavy)
                 v, way = np.copysign(size, pull), np.copysign(way, pull)
                 q += small * v
-            out[:, k, j] = q, v, way
+            out[:, k, j] = q, way
     return out

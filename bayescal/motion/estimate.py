@@ -201,8 +201,11 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
             parts = tuple(model.simulated(s) for s in each(parts))
         out = Estimate(parts, model, fit.values, rms, noise)
         if log.torque_kind == SERVO and settled and k > SERVOS.measured:
-            break
-    return out
+            return out
+    if log.torque_kind != SERVO:
+        return out
+    log = replace(log, notes=(*log.notes, f"the estimate has not settled in {SERVOS.rounds} rounds"))
+    return replace(out, parts=tuple(s.changed(log=log) for s in out.parts))
 
 
 def _stuck(parts: Sequence[Signals], model: Operating, noise: Noise) -> float | None:

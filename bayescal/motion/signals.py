@@ -22,7 +22,7 @@ from scipy.sparse import csr_matrix
 from bayescal.errors import BayescalError
 from bayescal.logs import Log, Motion
 from bayescal.logs.types import SERVO, SHORTEST
-from bayescal.motion.dynamics import Followed, carried, regressor
+from bayescal.motion.dynamics import Followed, inertia_matrix, regressor
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import OUTCOME, SIGNALS
 
@@ -115,9 +115,8 @@ def noise_of_positions(position: np.ndarray, least: np.ndarray) -> np.ndarray:
 def _squared_inertia(log: Log) -> np.ndarray:
     """Squares (n, n) of the nominal torques by accelerations, kg2 m4, in the mean of some poses."""
     m, few = log.mechanism, [x.position[:: max(len(x.position) // SIGNALS.poses, 1)] for x in log.motions]
-    q = np.repeat(np.concatenate(few), m.n, axis=0)
-    by = regressor(m, q, np.zeros_like(q), np.tile(np.eye(m.n), (len(q) // m.n, 1)), np.zeros(3))
-    torques = carried(by, m.inertials, m, np.zeros(len(q))).reshape(-1, m.n, m.n)
+    q = np.concatenate(few)
+    torques = inertia_matrix(m, m.inertials, q, np.zeros(len(q)))
     return np.mean((torques + np.diag(np.nan_to_num(m.armature))) ** 2, axis=0).T
 
 

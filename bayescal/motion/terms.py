@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import PAIRS, SERVO, TRACKING, TRANSITION, inertial
-from bayescal.motion.dynamics import Followed, carried, followed, mean_inertia
+from bayescal.motion.dynamics import Followed, carried, followed, inertia_matrix
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import BASELINE, SIGNALS
 from bayescal.motion.signals import Signals, derivative, low_passed
@@ -121,7 +121,8 @@ class Operating:
         least = SERVOS.narrow * stiffness
         # with the rotors: otherwise simulations would not converge
         few = slice(None, None, max(len(s.q) // SERVOS.poses, 1))
-        links = self.gain * mean_inertia(s.log.mechanism, self.inertials, s.q[few], s.payload[few])
+        matrices = inertia_matrix(s.log.mechanism, self.inertials, s.q[few], s.payload[few])
+        links = self.gain * np.mean(np.diagonal(matrices, axis1=1, axis2=2), axis=0)
         drive = np.array([stiffness, self.coulomb, self.viscous, self.armature + links, self.transition])
         drive = np.maximum(drive, np.multiply.outer([1.0, 1.0, 1.0, 0.0, 0.0], least))
         load = self.gain * self.load(s) + self.offset - links * s.ddq

@@ -301,7 +301,7 @@ def test_a_stage_that_fails_is_left_out(stages, waved, explained, monkeypatch, t
         assert "singular" in said[0]
     levels = [step.model for step in gap.levels]
     assert MODEL in levels
-    assert (("nominal",) in levels) is ("judged_level" not in stages)  # the rest of the ladder is there
+    assert (("nominal",) in levels) is ("judged_level" not in stages)  # the other levels are there
     assert (tmp_path / "out" / "gap.html").exists()
     assert (tmp_path / "out" / "arm.json").exists() is ("stated" not in stages)
     assert filed["verdict"] == ("class" if stages == ("refit",) else "named")

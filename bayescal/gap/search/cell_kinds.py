@@ -74,7 +74,7 @@ def masses_unknown(c: Circumstances) -> Iterator[Cell]:
             np.sum(pose[:, j, :3, 2] * np.cross(place - places[j - 1], down), axis=1) for place in places[j:]
         ]
         spread = [float(np.ptp(torque[c.fitted])) for torque in torques]
-        varying = [t for t, size in zip(torques, spread, strict=True) if size > 1e-3]
+        varying = [t for t, lever in zip(torques, spread, strict=True) if lever > 1e-3]  # m
         if varying:
             drivers = [2.0 * t / max(spread) for t in varying]
             yield Cell(joint(j), Driver("torque", j, form="masses"), (at_joint(c, j, drivers),))
