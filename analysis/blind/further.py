@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,6 @@ import numpy as np
 from analysis.blind.folder import DATASET, write
 from analysis.blind.make import NO_PINOCCHIO
 from bayescal.errors import BayescalError
-from bayescal.storage.locks import scratch
 
 COUNT = 60
 """Further contacts of a session."""
@@ -57,7 +58,8 @@ def planned(task: Open) -> dict[str, Any]:
     from bayescal.planning.projection import nominal
     from bayescal.planning.separate import choose
 
-    with scratch("bayescal-blind") as folder:
+    with TemporaryDirectory(prefix="bayescal-blind-") as name:
+        folder = Path(name)
         for file in DATASET:
             write(folder / file, task.texts[file])
         dataset = read_dataset(folder)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from analysis.blind import seal
@@ -24,7 +25,6 @@ from analysis.blind.folder import (
 )
 from analysis.blind.make import Notify
 from bayescal.errors import BayescalError
-from bayescal.storage.locks import scratch
 from bayescal.storage.workers import Lost, results
 
 LONG = ("curves", "residuals", "rows", "arm")
@@ -126,7 +126,8 @@ def _answers(folder: Path, todo: list[str], workers: int, dask: str | None) -> I
 def answered(task: Task) -> dict[str, Any]:
     """Diagnose one session in a folder that holds only its dataset; a crash is recorded as an answer."""
     start, about = time.process_time(), _about(task)
-    with scratch("bayescal-blind") as folder:
+    with TemporaryDirectory(prefix="bayescal-blind-") as name:
+        folder = Path(name)
         for file in (name for name in task.texts if name != BASELINE):
             write(folder / file, task.texts[file])
         try:

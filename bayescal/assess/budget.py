@@ -14,6 +14,7 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
+from scipy.optimize import brentq
 
 from bayescal.assess.inputs import GROUPS, PRIOR, PROBING, Basis, Input
 from bayescal.assess.measurand import Measurand, certified_distances, distance, distances, readings, volume
@@ -96,7 +97,6 @@ class Budget:
         if not self.measurand.any_of:
             h = float(np.sum(square) ** 2 / np.sum(square**2))
             return float(np.sqrt(f_isf(1.0 - COVERAGE, h, dof)))
-        from scipy.optimize import brentq  # slow to import
 
         some = square[square > 0] / self.u**2
 

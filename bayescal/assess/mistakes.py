@@ -44,7 +44,7 @@ MOST_GROUPS = 12
 STEP = 1e-6
 
 
-def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tuple[str, ...]]:
+def model_of(scene: Scene, effects: tuple[str, ...] = BASELINE) -> tuple[Model | None, tuple[str, ...]]:
     """The model of a session with those effects that it can have, and their names; None without rows."""
     if not len(scene.rows("calibrate")):
         return None, ()
@@ -107,35 +107,24 @@ class Judged:
         return float(np.exp(-size)) if abs(size) > max(DIFFERENT, CERTAIN * u) else None
 
 
+IN_M, IN_INCHES = (1e3, "in m", "write it in mm"), (25.4, "in inches", "write it in mm")
+RADIUS, DIAMETER = "write the radius", "write the diameter"
 FACTORS = {
-    "ball_radius_mm": (
-        (0.5, "a diameter", "write the radius"),
-        (2.0, "half of the radius", "write the radius"),
-        (1e3, "in m", "write it in mm"),
-        (25.4, "in inches", "write it in mm"),
-    ),
-    "diameter_mm": (
-        (2.0, "a radius", "write the diameter"),
-        (0.5, "twice the diameter", "write the diameter"),
-        (1e3, "in m", "write it in mm"),
-        (25.4, "in inches", "write it in mm"),
-    ),
-    "centre_of_mass_mm": (
-        (1 / 25.4, "multiplied by 25.4 once too often", "write it in mm"),
-        (25.4, "in inches", "write it in mm"),
-    ),
+    "ball_radius_mm": ((0.5, "a diameter", RADIUS), (2.0, "half of the radius", RADIUS), IN_M, IN_INCHES),
+    "diameter_mm": ((2.0, "a radius", DIAMETER), (0.5, "twice the diameter", DIAMETER), IN_M, IN_INCHES),
+    "centre_of_mass_mm": ((1 / 25.4, "multiplied by 25.4 once too often", "write it in mm"), IN_INCHES),
 }
 """Factors by which a value is corrected, what it then was, and the remedy."""
 
 
-def judged(dataset: Dataset, effects: tuple[str, ...] = BASELINE) -> Judged | None:
+def judged(dataset: Dataset) -> Judged | None:
     """Judge all hypotheses of a session; None where nothing can be fitted."""
     some = _some(dataset)
-    model, _ = model_of(Scene(some), effects)
+    model, _ = model_of(Scene(some))
     if model is None or not model.size:
         return None
     stated = fitted(model, np.zeros(model.size))
-    fits = [(fitted(_model(h, model, effects), stated.z), h) for h in hypotheses(some)]
+    fits = [(fitted(_model(h, model), stated.z), h) for h in hypotheses(some)]
     nearest = min((best for best, _ in fits), key=lambda best: best.f, default=stated)
     if nearest.f < stated.f - SURE and nearest.z.shape == stated.z.shape:  # it may only have had more steps
         stated = min(stated, fitted(model, nearest.z), key=lambda best: best.f)
@@ -144,14 +133,14 @@ def judged(dataset: Dataset, effects: tuple[str, ...] = BASELINE) -> Judged | No
     least = min((f for f, _ in good), default=stated.f)
     better = tuple(h for f, h in good if f < least + ALIKE)
     unknown = dict.fromkeys(h.what for best, h in fits if best.f < stated.f + ALIKE)
-    return Judged(better, () if better else tuple(unknown), _scale(some, effects, model, stated))
+    return Judged(better, () if better else tuple(unknown), _scale(some, model, stated))
 
 
-def _model(of: Hypothesis, model: Model, effects: tuple[str, ...]) -> Model:
+def _model(of: Hypothesis, model: Model) -> Model:
     """The model of a hypothesis: that of the session with other surfaces, or new where torques change."""
     scene = Scene(of.dataset)
     if of.loads:
-        other, _ = model_of(scene, effects)
+        other, _ = model_of(scene)
         assert other is not None
         return other
     blocks = tuple(
@@ -281,11 +270,9 @@ def fitted(model: Model, z: np.ndarray) -> _Best:
     return best
 
 
-def _scale(
-    dataset: Dataset, effects: tuple[str, ...], model: Model, best: _Best
-) -> tuple[float, float] | None:
+def _scale(dataset: Dataset, model: Model, best: _Best) -> tuple[float, float] | None:
     """Logarithm of a common factor of all certified lengths, estimated with the arm, and its uncertainty."""
-    longer, _ = model_of(Scene(replace(dataset, certificates=_longer(dataset, 1.0 + STEP))), effects)
+    longer, _ = model_of(Scene(replace(dataset, certificates=_longer(dataset, 1.0 + STEP))))
     assert longer is not None
     z, count = best.z, sum(b.residuals for b in model.blocks)
     weights = unit_weights(model, z)

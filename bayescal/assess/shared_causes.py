@@ -15,13 +15,12 @@ The last level of a fit, complete: the form of uneven faces, and the rejected ro
 `fit`, the baseline of `gap` and its refits are completed by the same rule, and differ in effects alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.families import stops_of
@@ -32,10 +31,6 @@ from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.targets import noise_of
 from bayescal.statistics import chi2_sf, hypergeometric_log_sf
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
 
 SHORTEST = 4
 """Stops of the shortest stretch of time, and of the smallest neighbourhood of a pose."""
@@ -106,7 +101,6 @@ def _ranges(scene: Scene, rows: np.ndarray, least: int) -> Iterator[Group]:
 
 
 def _neighbourhoods(scene: Scene, rows: np.ndarray, least: int) -> Iterator[Group]:
-    from scipy.spatial import cKDTree  # slow to import, and without many outliers not needed
 
     m = scene.dataset.measurements
     readings = m.readings[rows]
@@ -302,8 +296,6 @@ class _Deal:
 
 def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:
     """Matrix (G, N) of ones where a group, a list of row numbers below N, holds a row."""
-    from scipy.sparse import csr_array  # slow to import, and without many outliers not needed
-
     ends = np.cumsum([0, *map(len, groups)])
     rows = np.concatenate(groups)
     return csr_array((np.ones(len(rows), np.int32), rows, ends), shape=(len(groups), count))

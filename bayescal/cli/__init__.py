@@ -3,8 +3,6 @@
 This module imports little: a signal soon after the start then finds `main` prepared for it.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """A command as a process: what it prints and its exit code, if it is refused or stopped."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,5 @@
 """Commands that compute: `fit`, `gap`, `compare`, `plan`, `watch`, `fleet`, `changed`, `history`."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Commands that use the arm of a run folder: `budget`, `export`, `verify`, `compensate`, `report`."""
 
-from __future__ import annotations
-
 from math import radians
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Commands before a calibration: `init`, `schema`, `import`, `simulate`, `check`, `robots`."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

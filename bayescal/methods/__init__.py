@@ -4,8 +4,6 @@ A method answers for the arm alone. Every target that has rows to calibrate with
 the method's arm held; then validation planes, spheres and points are assessed as `validate` judges a fit's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter

@@ -22,8 +22,6 @@ Tsai and Lenz (1989), Park and Martin (1994), Horaud and Dornaika (1995), Andref
 (1999), as `cv2.calibrateHandEye` has them. Poses of the board in the images are those of the closed form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

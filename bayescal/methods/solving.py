@@ -5,8 +5,6 @@ and stated places are rows among others, each over its standard uncertainty: the
 priors of the arm, and the loose ones of targets that state nothing, are not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

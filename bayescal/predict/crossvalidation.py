@@ -18,8 +18,6 @@ Distances that share spheres have no such blocks. Their bootstrap is parametric,
 95 % intervals: of draws, and of a value with its bootstrap draws.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Errors of certified distances between located targets, and their predicted uncer
 Distances between points of the workspace: pairs, lengths, and their slopes by the arm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -7,8 +7,6 @@ rows measure certified spheres or were read by an instrument, the measured error
 The arm in other conditions than those of its session: other poses, another tool, another payload.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import nan
 

@@ -7,8 +7,6 @@ Effects that act on a contact itself (lobing, the radius of the ball) are correc
 Residuals of rows that were not fitted, and their slopes by the unknowns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar

@@ -5,9 +5,7 @@ a socket) is located from its own rows. Posterior draws are propagated by the sl
 with simulated noise of the rows: the spread over draws is the predicted uncertainty.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,36 +18,6 @@ from bayescal.predict import targets
 from bayescal.predict.crossvalidation import interval95
 from bayescal.predict.errors import certified_pairs
 from bayescal.statistics import rms
-
-
-@dataclass(frozen=True)
-class RowCheck:
-    """Validation measurements of one target; m, or rad for orientations."""
-
-    target: str
-    residuals: np.ndarray  # (C,) of a surface, else (3, C), at the estimate
-    predicted: np.ndarray  # (S, C) or (S, 3, C) draws of the residual, from arm, target and noise
-
-
-@dataclass(frozen=True)
-class DistanceCheck:
-    """Distance between two located centres, m."""
-
-    between: tuple[str, str]
-    certified: float
-    u_certified: float
-    error: float  # measured by the arm minus certified
-    predicted: np.ndarray  # (S,) draws of that error
-
-
-@dataclass(frozen=True)
-class DiameterCheck:
-    """Diameter of a sphere, m."""
-
-    target: str
-    certified: float
-    error: float
-    predicted: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -90,6 +58,43 @@ class Errors:
 
 
 @dataclass(frozen=True)
+class RowCheck:
+    """Validation measurements of one target; m, or rad for orientations."""
+
+    target: str
+    residuals: np.ndarray  # (C,) of a surface, else (3, C), at the estimate
+    predicted: np.ndarray  # (S, C) or (S, 3, C) draws of the residual, from arm, target and noise
+
+    @property
+    def errors(self) -> Errors:
+        """The residuals of a surface, else their lengths."""
+        if self.residuals.ndim == 1:
+            return Errors(self.residuals, self.predicted)
+        return Errors(np.linalg.norm(self.residuals, axis=0), np.linalg.norm(self.predicted, axis=1))
+
+
+@dataclass(frozen=True)
+class DistanceCheck:
+    """Distance between two located centres, m."""
+
+    between: tuple[str, str]
+    certified: float
+    u_certified: float
+    error: float  # measured by the arm minus certified
+    predicted: np.ndarray  # (S,) draws of that error
+
+
+@dataclass(frozen=True)
+class DiameterCheck:
+    """Diameter of a sphere, m."""
+
+    target: str
+    certified: float
+    error: float
+    predicted: np.ndarray
+
+
+@dataclass(frozen=True)
 class Validation:
     """Errors and predictions of one model for all validation measurements."""
 
@@ -103,30 +108,28 @@ class Validation:
     @property
     def contacts(self) -> Errors:
         """Errors of contacts, m."""
-        return _joined([(p.residuals, p.predicted) for p in self.planes])
+        return _joined([p.errors for p in self.planes])
 
     @property
     def distance_errors(self) -> Errors:
         """Errors of distances, m."""
-        return _joined([(np.array([d.error]), d.predicted[:, None]) for d in self.distances])
+        return _joined([Errors(np.array([d.error]), d.predicted[:, None]) for d in self.distances])
 
     @property
     def point_lengths(self) -> Errors:
         """Lengths of the error vectors of points, m."""
-        return _joined([_lengths(p) for p in self.points])
+        return _joined([p.errors for p in self.points])
 
     @property
     def turn_angles(self) -> Errors:
         """Angles between measured and predicted orientations, rad."""
-        return _joined([_lengths(t) for t in self.turns])
+        return _joined([t.errors for t in self.turns])
 
 
-def _lengths(check: RowCheck) -> tuple[np.ndarray, np.ndarray]:
-    return np.linalg.norm(check.residuals, axis=0), np.linalg.norm(check.predicted, axis=1)
-
-
-def _joined(checks: list[tuple[np.ndarray, np.ndarray]]) -> Errors:
-    values, predicted = zip(*checks, strict=True) if checks else ([np.zeros(0)], [np.zeros((0, 0))])
+def _joined(some: Sequence[Errors]) -> Errors:
+    if not some:
+        return Errors(np.zeros(0), np.zeros((0, 0)))
+    values, predicted = zip(*((e.values, e.predicted) for e in some), strict=True)
     return Errors(np.concatenate(values), np.concatenate(predicted, axis=1))
 
 

@@ -1,7 +1,5 @@
 """Formats of robot programs: one file each, and its entry here."""
 
-from __future__ import annotations
-
 from bayescal.programs.abb import ABB
 from bayescal.programs.fanuc import FANUC
 from bayescal.programs.kuka import KUKA

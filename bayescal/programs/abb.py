@@ -6,8 +6,6 @@ written for the corrected readings. cfx is kept. A position that is computed is 
 p10.trans.z := ...
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

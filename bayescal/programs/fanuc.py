@@ -7,8 +7,6 @@ solutions that nearest to the position before is taken.
 A position that a motion offsets (Offset, INC, ...) is kept, and so is one that a register selects.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

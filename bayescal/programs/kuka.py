@@ -7,8 +7,6 @@ Relative motions (PTP_REL, LIN_REL) and frames ($BASE, $TOOL) are no positions. 
 are assigned (XP1.X = ...), or that a motion moves on (XP1 : F), is computed and kept.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

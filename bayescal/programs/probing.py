@@ -5,8 +5,6 @@ A probing program is one sequence of steps (`motions.steps`), rendered by a temp
 a number. What a controller is relied on to do is stated in the header of its template.
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence

@@ -6,8 +6,6 @@ zero and the length of the last joint, unless the place of the probe was stated:
 known by their tolerances only, which are part of the uncertainty of its point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """A fleet: many sessions, each fitted and diagnosed on worker processes, and their arms beside each other."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -78,7 +78,8 @@ class MotionGapResult(Diagnosis):
         """RMS of the residuals of withheld motions, N m or (servos without torques) deg, joint by joint."""
         from bayescal.reporting.motion import shrinkage_of
 
-        return table(shrinkage_of(self.record)[1], "joint")
+        keys, items = shrinkage_of(self.record)
+        return table(items, "joint", " ".join(("joint", *keys[:3])))
 
     _overview = shrinkage
 

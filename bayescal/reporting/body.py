@@ -4,11 +4,9 @@ An outline is a polygon; drawn from far to near, outlines look like the bodies. 
 capsules (`probing.scene`), artefacts are the boxes and spheres that the targets of a session state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -38,7 +36,7 @@ class View:
     toward: np.ndarray
 
     @classmethod
-    def of(cls, azimuth: float, elevation: float) -> View:
+    def of(cls, azimuth: float, elevation: float) -> Self:
         """The view from an azimuth about z and an elevation above the plane of x and y, rad."""
         (c, low), (s, high) = np.cos([azimuth, elevation]), np.sin([azimuth, elevation])
         toward, right = np.array([low * c, low * s, high]), np.array([-s, c, 0.0])

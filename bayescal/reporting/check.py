@@ -82,39 +82,36 @@ def _log_lines(of: LogCheck, record: Json) -> Facts:
         yield "next", f"bayescal fit {quote(str(of.log.files[0].parent))}", "bold"
 
 
-def joint_sheet(record: Json) -> Sheet:
-    """The joints of a joint log: range, speed, rest, delays with their u, filters."""
-
-    def delay(key: str) -> Column:
-        heading = {"torque": "torque late", "velocity": "velocity late"}.get(key, "tracking late")
-        return Column(f"{heading} / ms", lambda item: item["delay_ms"][key], _delay)
-
-    return Sheet(
-        (
-            Column("joint", "name"),
-            Column("range / deg", "range_deg", lambda ends: f"{ends[0]:.0f} to {ends[1]:.0f}"),
-            Column("fastest / rad/s", "fastest_rad_per_s", "{:.2f}".format),
-            Column("at rest / %", "at_rest", lambda share: f"{100 * share:.0f}"),
-            Column("slow / s", "slow_s", "{:.1f}".format),
-            delay("torque"),
-            delay("velocity"),
-            delay("position_after_command"),
-            Column("tracking / deg", "tracking_rms_deg", "{:.2g}".format),
-            Column("velocity filtered / Hz", "velocity_cutoff_Hz", "{:.2g}".format),
-            Column("torque filtered / Hz", "torque_filtered_above_Hz", "{:.2g}".format),
-        ),
-        record["joints"],
-        "late: torque behind what positions predict, velocity behind the derivative of position, position "
-        "behind command; in brackets u of the last digits",
-    )
-
-
 def _delay(of: Json) -> str:
     """A delay with its u."""
     value, u = of["value"], of["u"]
     if value is None:
         return MISSING
     return f"{value:.2g}" if u is None else with_u(value, max(u, 0.01))
+
+
+JOINTS = (
+    Column("joint", "name"),
+    Column("range / deg", "range_deg", lambda ends: f"{ends[0]:.0f} to {ends[1]:.0f}"),
+    Column("fastest / rad/s", "fastest_rad_per_s", "{:.2f}".format),
+    Column("at rest / %", "at_rest", lambda share: f"{100 * share:.0f}"),
+    Column("slow / s", "slow_s", "{:.1f}".format),
+    Column("torque late / ms", lambda joint: joint["delay_ms"]["torque"], _delay),
+    Column("velocity late / ms", lambda joint: joint["delay_ms"]["velocity"], _delay),
+    Column("tracking late / ms", lambda joint: joint["delay_ms"]["position_after_command"], _delay),
+    Column("tracking / deg", "tracking_rms_deg", "{:.2g}".format),
+    Column("velocity filtered / Hz", "velocity_cutoff_Hz", "{:.2g}".format),
+    Column("torque filtered / Hz", "torque_filtered_above_Hz", "{:.2g}".format),
+)
+LATE = (
+    "late: torque behind what positions predict, velocity behind the derivative of position, position "
+    "behind command; in brackets u of the last digits"
+)
+
+
+def joint_sheet(record: Json) -> Sheet:
+    """The joints of a joint log: range, speed, rest, delays with their u, filters."""
+    return Sheet(JOINTS, record["joints"], LATE)
 
 
 def said(findings: tuple[Finding, ...]) -> str:

@@ -4,7 +4,7 @@ Whose error it is in images: ``images`` of the records, lines of the terminal, a
 """
 
 import platform
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 from operator import attrgetter
 from typing import Any
@@ -19,8 +19,6 @@ from bayescal.effects.common import STANDSTILL
 from bayescal.effects.location import Driver, Site
 from bayescal.effects.vocabulary import UNITS
 from bayescal.estimate import Estimate
-from bayescal.model import Model
-from bayescal.model.model import length_blocks
 from bayescal.reporting.sheet import Column, Sheet
 from bayescal.reporting.text import MDEG, MM, UM, Facts, amplitude, under, with_u
 from bayescal.storage.reading import Json
@@ -96,25 +94,6 @@ def software(libraries: Iterable[str]) -> dict[str, str]:
     return ours | {name: version(name) for name in libraries}
 
 
-APART = ("null", "unknown")
-LEAST = 0.05
-"""Least probability of an effect that is worth an inspection of the machine."""
-
-
-def possible(
-    probability: Mapping[str, float | None], credible: Sequence[str], named: Collection[str]
-) -> tuple[str, ...]:
-    """Effects of the credible set that are not named, where they exceed an unmodelled effect; otherwise ().
-
-    It is their sum of probabilities that exceeds that of an unmodelled effect. Improbable ones are left out.
-    """
-    others = tuple(n for n in credible if n not in named and n not in APART)
-    together = sum(probability.get(n) or 0.0 for n in others)
-    if together <= (probability.get("unknown") or 0.0):
-        return ()
-    return tuple(n for n in others if (probability.get(n) or 0.0) >= LEAST) or others
-
-
 def plain(value: Any) -> Any:
     """The same with lists, Python numbers and texts, None for every number that is not finite."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
@@ -164,12 +143,6 @@ def scaled(value: Any, factor: float | None) -> Any:
 
 
 ROLES = ("calibrate", "validate")
-
-
-def components_of(model: Model) -> int:
-    """Coordinates of the points of a session by its fitted rows: two of corners in images, else three."""
-    most = max((b.kind.rows for b in length_blocks(model)), default=1)
-    return most if most > 1 else 3  # points that validate contacts are those of an instrument
 
 
 def by_target(estimate: Estimate) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:

@@ -14,6 +14,7 @@ from bayescal.effects import BASELINE, EFFECTS, UNITS
 from bayescal.effects.location import OPPOSITE, words_of
 from bayescal.effects.selection import Selection
 from bayescal.effects.vocabulary import unit_label
+from bayescal.gap.settings import OUTCOME
 from bayescal.statistics import decimals_of, grouped
 
 
@@ -246,6 +247,11 @@ def not_assessed(record: Mapping[str, Any]) -> dict[str, str]:
     """Effects that were not assessed, with the reason; without those that are listed as missed."""
     spots = {spot["effect"] for spot in record["blind_spots"]}
     return {name: why for name, why in record["missing"].items() if name not in spots}
+
+
+def significant(p_value: float | None) -> bool:
+    """Whether a location or a group is significant, by a p-value that is corrected for their number."""
+    return p_value is not None and p_value < OUTCOME.significant
 
 
 def by_reason(missing: Mapping[str, str]) -> dict[str, list[str]]:

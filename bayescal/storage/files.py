@@ -1,7 +1,5 @@
 """YAML that users write: the line of every value, keys with their unit; files that are written together."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import math
@@ -13,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache, reduce
 from operator import getitem
 from pathlib import Path as File
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, Self, TypeVar
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -167,7 +165,7 @@ class Keys(BaseModel):
         return data
 
     @model_validator(mode="after")
-    def _refuse_outside(self) -> Keys:
+    def _refuse_outside(self) -> Self:
         for name in type(self).model_fields:
             if what := outside(name, _numbers_in(getattr(self, name))):
                 context = {"key": name, "what": what, "remedy": "check the number and its unit"}

@@ -7,8 +7,6 @@ earlier one is removed. A process that is killed between the two calls leaves th
 hidden name (`beside`); the next command for that folder restores it. No folder ever has a part of a result.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -92,12 +90,17 @@ def whole(folder: Path, marker: str) -> Iterator[Path]:
             _discard(stage)
 
 
+def put(stage: Path, files: Mapping[str, str | bytes]) -> tuple[str, ...]:
+    """Write texts and contents into a folder by name; return the names."""
+    for name, content in files.items():
+        (stage / name).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+    return tuple(files)
+
+
 def filled(folder: Path, texts: Mapping[str, str]) -> tuple[str, ...]:
     """Write a run folder of texts by name, the first of which identifies it; return the names."""
     with whole(folder, next(iter(texts))) as stage:
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8", newline="")
-    return tuple(texts)
+        return put(stage, texts)
 
 
 @contextmanager

@@ -5,17 +5,13 @@ the next command for the same output removes the part, or restores an earlier re
 by the operating system for an open file: it ends with its process, however the process ends.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os
 import re
 import secrets
-import shutil
 import socket
 import stat
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -63,13 +59,10 @@ def leftovers(path: Path) -> list[tuple[Path, str]]:
 
 
 def remove_leftovers(file: Path) -> None:
-    """Remove the parts of a file, or of a temporary folder, that killed processes have left."""
+    """Remove the parts of a file that killed processes have left."""
     for part, _ in leftovers(file):
         with suppress(OSError):
-            if part.is_dir() and not part.is_symlink():
-                shutil.rmtree(part, ignore_errors=True)
-            else:
-                part.unlink()
+            part.unlink()
 
 
 def _runs(process: int, token: str) -> bool:
@@ -85,19 +78,6 @@ def _runs(process: int, token: str) -> bool:
     except OSError:
         pass
     return True
-
-
-@contextmanager
-def scratch(name: str) -> Iterator[Path]:
-    """A temporary folder; those of this name that killed processes have left are removed."""
-    general = Path(tempfile.gettempdir()) / name
-    remove_leftovers(general)
-    folder = beside(general, f"{secrets.token_hex(4)}.{PART}")
-    folder.mkdir(mode=0o700)
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager

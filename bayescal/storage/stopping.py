@@ -4,8 +4,6 @@ The signal raises `Stopped` in the main thread, so that temporary files are remo
 for example in compiled code, a second thread ends the process; the next command removes the files then.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

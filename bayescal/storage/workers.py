@@ -3,8 +3,6 @@
 Only this module imports `distributed`.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import signal

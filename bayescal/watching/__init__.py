@@ -4,8 +4,6 @@ Rows are read as they are written: a line counts when it ends. Lines that were r
 unless they were changed. A line that breaks the format is stated once, and read again when the file changes.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ leverage H in the estimate that includes it, the residuals before it are (I - H)
 (I - H)^-1 (Cook and Weisberg, Residuals and Influence in Regression, 1982, 2.2); exact for a linear model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import partial

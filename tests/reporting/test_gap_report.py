@@ -45,10 +45,9 @@ from bayescal.reporting.gap.causes import CAUSES, sentence
 from bayescal.reporting.gap.phrases import headline, named, place
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
-from bayescal.reporting.origin import possible
 from bayescal.reporting.page import Run
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.gap import faults, verdict_of
+from bayescal.reporting.page.gap import faults, further, verdict_of
 from bayescal.reporting.text import reduction
 
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
@@ -715,7 +714,8 @@ def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(leas
     """Improbable effects are not proposed for inspection."""
     probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": least, "null": 0.0, "unknown": unknown}
     credible = ("latency", "hardening", "hysteresis", "unknown", "null")
-    assert possible(probability, credible, ("latency",)) == names
+    record = {"verdict": "named+unexplained", "effects": ("latency",), "credible_set90": credible}
+    assert further(record | {"probability": probability}) == names
 
 
 def test_an_improbable_member_of_a_class_is_not_in_its_headline(session):

@@ -16,14 +16,13 @@ from bayescal.effects.location import PROBE, face, joint, link
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.planning.result import Detectable
-from bayescal.reporting import origin
 from bayescal.reporting.check import joint_sheet
 from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.fit import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
 from bayescal.reporting.fit.files import _labels
 from bayescal.reporting.fleet import parameters
-from bayescal.reporting.gap import _detectable, per_vector
+from bayescal.reporting.gap import _detectable, per_vector, phrases
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.summary import _measured
 from bayescal.reporting.motion.fit import replay_sheet
@@ -102,8 +101,8 @@ def test_the_length_of_points_is_that_of_their_vectors():
 def test_the_coordinates_of_points_are_those_of_the_fitted_rows(fitted, count, monkeypatch):
     """Points that validate contacts are those of an instrument."""
     blocks = [SimpleNamespace(kind=SimpleNamespace(rows=rows)) for rows in fitted]
-    monkeypatch.setattr(origin, "length_blocks", lambda model: blocks)
-    assert origin.components_of(None) == count
+    monkeypatch.setattr(phrases, "length_blocks", lambda model: blocks)
+    assert phrases.components(SimpleNamespace(calibrated=SimpleNamespace(model=None))) == count
 
 
 def test_only_significant_curves_and_an_event_once():

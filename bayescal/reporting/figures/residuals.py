@@ -3,8 +3,6 @@
 The nominal arm at a row of the session, with the contacts and their errors, in an oblique view.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +15,8 @@ from bayescal.reporting.body import View, fill, joints_of, of_units, outlines, p
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
-from bayescal.reporting.figures.where import significant
 from bayescal.reporting.style import ACCENT, GREY, INK, MARKED, NOISE, SERIES
+from bayescal.reporting.text import significant
 from bayescal.statistics import chi2_isf, grouped, rms
 from bayescal.storage.reading import Json
 
@@ -260,12 +258,7 @@ def arm_panel(record: Json) -> Panel:
         key.append(Entry(", ".join(marked), {"color": MARKED, "lw": 3.5}))
 
     def draw(axes: Any) -> None:
-        sites: list[Site] = []
-        if marked:
-            from bayescal.effects.location import Site  # slow to import, and seldom needed
-
-            sites = [Site.read(name) for name in marked]
-        _draw(axes, record, e, edge, sites)
+        _draw(axes, record, e, edge, [Site.read(name) for name in marked])
 
     title = f"Nominal arm, contacts with their residuals{' before the refit' if record.get('named') else ''}"
     return Panel(draw, lambda inner: 0.85 * inner + FLOOR, title, key=key)
@@ -278,7 +271,8 @@ def marked_sites(record: Json) -> list[str]:
     sites = [a["site"] for a in record["amplitudes"] if a["significant"]]
     sites = sites or [site for site in [record.get("marked")] if site]
     if record["verdict"] == "named+unexplained":
-        sites += [w["site"] for w in record["where"] if not w["explained_by"] and significant(w)][:1]
+        others = (w for w in record["where"] if not w["explained_by"])
+        sites += [w["site"] for w in others if significant(w["family_p_value"])][:1]
     return list(dict.fromkeys(sites))
 
 

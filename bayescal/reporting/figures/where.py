@@ -17,7 +17,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.style import ACCENT, FAINT, GREY, MARKED
-from bayescal.reporting.text import not_assessed, per_residual, probability, rival, signed
+from bayescal.reporting.text import not_assessed, per_residual, probability, rival, signed, significant
 from bayescal.storage.reading import Json
 
 FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}
@@ -55,8 +55,7 @@ def bars_panel(
 
 
 PLACES, CURVES = 7, 3
-SIGNIFICANT = 0.01
-"""Corrected p-value below which a location is significant."""
+
 FEW_VALUES = 3
 BINS = 18
 SMOOTH = 0.05
@@ -69,21 +68,16 @@ EXPLAINED: dict[str, Any] = {"color": MARKED, "lw": 1.6}
 SCATTERED: dict[str, Any] = {"color": MARKED, "marker": "o", "ls": "", "ms": 2.5, "mew": 0}
 
 
-def significant(place: Json) -> bool:
-    """Whether a location is significant, corrected for all that were examined."""
-    return place["family_p_value"] is not None and place["family_p_value"] < SIGNIFICANT
-
-
 def places_panel(record: Json) -> Panel:
     """Bars of the largest locations with their share of the excess."""
     shown = record["where"][:PLACES]
     bars = []
     for w in shown:
-        clear, share = significant(w), w["share"]
+        clear, share = significant(w["family_p_value"]), w["share"]
         text = f"{w['rms_um']:.1f} µm" + (f" ({100 * share:.0f} %)" if clear and share is not None else "")
         name = w["text"] + (f" ({w['explained_by']})" if w["explained_by"] else "")
         bars.append(Bar(name, w["rms_um"], text, FILLED if clear else OPEN))
-    some = any(map(significant, shown))
+    some = any(significant(w["family_p_value"]) for w in shown)
     title = "Locations, with their share of the excess" if some else "Locations; none is significant"
     key = [Entry("significant", FILLED, patch=True), Entry("not significant", OPEN, patch=True)]
     label = f"RMS of the explained residuals{per_residual(record)} (µm)"
@@ -93,7 +87,7 @@ def places_panel(record: Json) -> Panel:
 def drawn_curves(record: Json) -> list[Json]:
     """Curves of the significant locations, each event once."""
     out: list[Json] = []
-    p_values = {(w["site"], w["driver"]): w for w in record["where"]}
+    p_values = {(w["site"], w["driver"]): w["family_p_value"] for w in record["where"]}
     for curve in record["curves"]:
         event = curve["event"] and any(drawn["event"] for drawn in out)
         if len(curve["x"]) and significant(p_values[curve["site"], curve["driver"]]) and not event:

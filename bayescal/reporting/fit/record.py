@@ -40,7 +40,7 @@ from bayescal.reporting.page.build import KINDS, write_page
 from bayescal.reporting.text import MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import put, whole
 
 SCHEMA = "bayescal-fit/1"
 SIZES = {"mean": "mean", "rms": "rms", "max": "maximum"}
@@ -220,16 +220,11 @@ def _validation(fit: Fit) -> dict[str, Any]:
         return entry(before, "nominal_error_um=error") | entry(after, "calibrated_error_um=error")
 
     planes = [
-        {
-            "target": p.target,
-            "role": "validate",
-            "count": len(p.residuals),
-            "nominal_rms_um": UM * rms(n.residuals),
-            "calibrated_rms_um": UM * rms(p.residuals),
-            "calibrated_max_um": UM * float(np.max(np.abs(p.residuals))),
-            "predicted_rms_um": UM * rms(p.predicted),
-            "inside95_fraction": float(np.mean(inside95(p.residuals, p.predicted))),
-        }
+        {"target": p.target, "role": "validate", "count": len(p.residuals)}
+        | entry(n.errors, "nominal_rms_um=rms")
+        | entry(p.errors, "calibrated_rms_um=rms", "calibrated_max_um=maximum")
+        | {"predicted_rms_um": UM * rms(p.predicted)}
+        | {"inside95_fraction": float(np.mean(inside95(p.residuals, p.predicted)))}
         for n, p in zip(nominal.planes, calibrated.planes, strict=True)
     ]
     distances = [
@@ -359,12 +354,9 @@ def write_fit(
             BUDGET: json_text(budget_record(budgets, fit.basis, fit.options.seed)),
             BUDGET_CSV: budget_csv(budgets),
         }
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8")
+        put(stage, texts)
         save(fit_draws(fit), stage / posterior)
         write_arm(arm, stage, {"hand_eye": contents["hand_eye"]})
-        figures = {**drawn(), **(more or {})}
-        for name, content in figures.items():
-            (stage / name).write_bytes(content)
+        figures = put(stage, {**drawn(), **(more or {})})
         write_page(stage, shown or folder)  # with the figures
     return (FIT, KINDS["fit"][0], posterior, BUDGET, BUDGET_CSV, ROBOT, ARM_FILE, COPY, *figures)

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 from bayescal.dataset.table import csv_text, joint_columns
 from bayescal.effects.location import Site, of_sign
-from bayescal.gap.result import MARGINS, VALIDATION_POINTS
-from bayescal.gap.settings import OUTCOME
+from bayescal.gap.result import VALIDATION_POINTS
 from bayescal.reporting import text
 from bayescal.reporting.fit import level_sheet
 from bayescal.reporting.origin import scaled
@@ -20,14 +19,9 @@ LEAST = 0.01
 """Least probability of an effect that is listed unfolded."""
 
 
-def significant(p_value: float | None) -> bool:
-    """Whether a location or a group is significant, by a p-value that is corrected for their number."""
-    return p_value is not None and p_value < OUTCOME.significant
-
-
 def marked(place: Json) -> bool:
     """Whether a location of a record is significant."""
-    return significant(place["family_p_value"])
+    return text.significant(place["family_p_value"])
 
 
 def amplitudes_of(record: Json, effect: str) -> list[Json]:
@@ -54,11 +48,6 @@ def per_vector(what: str, components: int) -> float:
     That of a contact or a distance is a length.
     """
     return components**0.5 if what in ("points", VALIDATION_POINTS) else 1.0
-
-
-def components(record: Json) -> int:
-    """Coordinates of the points of a diagnosis; three in records of earlier versions, which lack it."""
-    return int(record["lengths"].get("components", 3))
 
 
 def exceeds(record: Json) -> bool:
@@ -196,14 +185,10 @@ def where_sheet(record: Json) -> Sheet:
     return Sheet(columns, places, caption, 8)
 
 
-def margin_sheets(record: Json) -> tuple[Sheet, ...]:
-    """Residuals by target, joint, region, time and direction."""
-    return tuple(_margin(record, key) for key in MARGINS)
-
-
-def _margin(record: Json, key: str) -> Sheet:
+def margin_sheet(record: Json, key: str) -> Sheet:
+    """Residuals by target, joint, region, time or direction."""
     groups = record["where_marginal"][key]
-    bars = bar_of(groups, "rms_um", lambda g: significant(g["p_value"] or None))
+    bars = bar_of(groups, "rms_um", lambda g: text.significant(g["p_value"] or None))
     columns = (
         Column(key, "label"),
         Column("rows", "count"),
@@ -242,7 +227,7 @@ MEASURED = {"planes": "contacts"}
 
 def improved(record: Json) -> list[Json]:
     """Entries of `shrinkage` by `what`, where errors of points are lengths."""
-    count = components(record)
+    count = record["lengths"]["components"]
     return [
         {"what": MEASURED.get(what, what)}
         | {

@@ -16,9 +16,9 @@ from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
+from bayescal.model.model import length_blocks
 from bayescal.reporting.gap import per_vector
 from bayescal.reporting.gap.causes import PLAIN, beside_base, gains, sentence, site_text, sites, when
-from bayescal.reporting.origin import components_of
 from bayescal.reporting.text import SURE, listed, probability, rival, um
 from bayescal.statistics import grouped
 
@@ -298,8 +298,10 @@ def unexplained_of(gap: Gap) -> str:
 
 
 def components(gap: Gap) -> int:
-    """Coordinates of the points of a diagnosis."""
-    return components_of(gap.calibrated.model) if gap.calibrated else 3
+    """Coordinates of the points of a diagnosis by its fitted rows: two of corners in images, else three."""
+    blocks = length_blocks(gap.calibrated.model) if gap.calibrated else ()
+    most = max((b.kind.rows for b in blocks), default=1)
+    return most if most > 1 else 3  # points that validate contacts are those of an instrument
 
 
 def _beyond(gap: Gap) -> list[str]:

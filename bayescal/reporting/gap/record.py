@@ -20,22 +20,12 @@ from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.body import arm_drawing
 from bayescal.reporting.figures import begun
-from bayescal.reporting.gap import causes, per_vector, table_of_contacts
-from bayescal.reporting.gap.phrases import (
-    class_record,
-    components,
-    established,
-    headline,
-    place,
-    possible,
-    unshown,
-    warnings,
-)
+from bayescal.reporting.gap import causes, per_vector, phrases, table_of_contacts
 from bayescal.reporting.origin import entry, images_record, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.text import UM
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import put, whole
 
 SCHEMA = "bayescal-gap/1"
 MEASURES = ("planes", "distances")
@@ -67,12 +57,12 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         **entry(gap, "baseline", "without=options.omitted", "prior_widths=options.widths"),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
-        "words": headline(gap),
+        "words": phrases.headline(gap),
         "effects": _effects(verdict),
         "named": [
             entry(n, *NAMED)
             | {"neighbours": list(map(str, n.neighbours))}
-            | {"possible": bool(possible(gap, n)), "established": established(gap, n)}
+            | {"possible": bool(phrases.possible(gap, n)), "established": phrases.established(gap, n)}
             | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
         ],
@@ -82,8 +72,8 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         "refit": {"model": ",".join(gap.refit), "without": list(map(str, gap.still_without))},
         **entry(verdict, "credible_set90", "probability"),
         "hypotheses": [entry(h, "effects", "probability", "log_evidence") for h in verdict.hypotheses],
-        "class": class_record(gap),
-        "not_excluded": unshown(verdict),
+        "class": phrases.class_record(gap),
+        "not_excluded": phrases.unshown(verdict),
         **entry(verdict, "footnotes", "missing", "notes"),
         "where": [_place(w, gap) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {
@@ -94,7 +84,7 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         "images": images_record(gap.arm or gap.calibrated),
         "ladder": [
             entry(step, *STEP)
-            | {"point_length_rms_um": UM * per_vector("points", components(gap)) * step.point_rms}
+            | {"point_length_rms_um": UM * per_vector("points", phrases.components(gap)) * step.point_rms}
             | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
         ],
@@ -110,7 +100,7 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         "arm": arm_drawing(Scene(gap.dataset)),
         "marked": _mark(gap),
         "not_located": list(gap.unlocated),
-        "warnings": list(warnings(gap)),
+        "warnings": list(phrases.warnings(gap)),
     }
     if gap.arm is not None:
         record["rows"] = rows_record(gap.arm)
@@ -142,7 +132,7 @@ def _place(w: result.Place, gap: result.Gap) -> dict[str, Any]:
     """A location; its share is of the excess of the fitted contacts, None if validation shows none."""
     return (
         entry(w, "site", "driver")
-        | {"text": place(w, gap.dataset)}
+        | {"text": phrases.place(w, gap.dataset)}
         | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
         | ({} if gap.magnitude.excess_interval95[0] > 0 else {"share": None})
         | {"explained_by": w.explained_by or None}
@@ -158,7 +148,7 @@ def _lengths(gap: result.Gap) -> dict[str, Any]:
     what = result.VALIDATION_CONTACTS if result.VALIDATION_CONTACTS in kinds else result.VALIDATION_POINTS
     sizes = entry(gap.magnitude, "validation_rms_um", "noise_um", "excess_um")
     shrunk = {s.what: entry(s, *SHRUNK) for s in gap.shrinkage}
-    count = components(gap)
+    count = phrases.components(gap)
     return {
         "of": what,
         "components": count,
@@ -237,7 +227,7 @@ def _curve(gap: result.Gap, w: result.Place) -> dict[str, Any]:
     """
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
-        **entry(w, "site", "driver"), "text": place(w, gap.dataset), "event": w.driver.kind == EVENT,
+        **entry(w, "site", "driver"), "text": phrases.place(w, gap.dataset), "event": w.driver.kind == EVENT,
         "coordinate": curve.coordinate,
         "lever": None if curve.lever is None else np.round(curve.lever, LEVER_DIGITS),
         "lever_unit": curve.unit or None, "id": [ids[row] for row in curve.rows],
@@ -301,12 +291,9 @@ def write_gap(
             hand_eye = attempted("hand-eye transforms", partial(hand_eye_records, arm), [], lost)
             names += write_arm(arm, stage, {"hand_eye": hand_eye})
         if advised := [c for advice in contents["next"] for c in advice["contacts"]]:
-            (stage / NEXT).write_text(table_of_contacts(advised), encoding="utf-8")
-            names.append(NEXT)
-        for name, content in attempted("figures", drawn, {}, lost).items():
-            (stage / name).write_bytes(content)
-            names.append(name)
+            names += put(stage, {NEXT: table_of_contacts(advised)})
+        names += put(stage, attempted("figures", drawn, {}, lost))
         contents = {**contents, "warnings": [*contents["warnings"], *lost]}
-        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
+        put(stage, {GAP: json_text(contents, rows=False)})
         names.insert(1, write_page(stage, folder))
     return tuple(names)

@@ -63,7 +63,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
 def _size(record: Json) -> text.Facts:
     size, of = record["gap"], record["lengths"]
     each = "contact" if of["of"] == VALIDATION_CONTACTS else "point (length)"
-    factor, ends = sheets.per_vector(of["of"], sheets.components(record)), size["excess_um"]["interval95"]
+    factor, ends = sheets.per_vector(of["of"], of["components"]), size["excess_um"]["interval95"]
     yield "validation", f"{text.length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
     source = NOISE_FROM.get(size["noise_from"], size["noise_from"])
     interval = text.interval(size["noise_interval95_um"], factor)
@@ -79,7 +79,7 @@ def _size(record: Json) -> text.Facts:
 
 def _measured(record: Json) -> Sheet:
     def error(x: Json, value: float) -> str:
-        return text.length(sheets.per_vector(x["what"], sheets.components(record)) * value)
+        return text.length(sheets.per_vector(x["what"], record["lengths"]["components"]) * value)
 
     def within(x: Json) -> bool:
         low, high = x["predicted_interval95_um"]
@@ -117,7 +117,7 @@ def _margins(gap: Gap, record: Json) -> text.Facts:
     """The groups with the largest residuals, at most one of each grouping."""
     groups: list[Margin] = []
     for bins in gap.margins.values():
-        groups += sorted((m for m in bins if sheets.significant(m.p_value)), key=lambda m: -m.rms)[:1]
+        groups += sorted((m for m in bins if text.significant(m.p_value)), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
         each = text.per_residual(record)
@@ -193,7 +193,7 @@ def _levels(record: Json) -> Sheet:
     of = record["lengths"]["of"]
     shown = [("validation", "validation_um"), ("distances", "distance_rms_um")]
     shown += [("points", "point_length_rms_um")] if of == VALIDATION_CONTACTS else []
-    factor = sheets.per_vector(of, sheets.components(record))
+    factor = sheets.per_vector(of, record["lengths"]["components"])
     levels = [step | {"validation_um": scaled(step["heldout_rms_um"], factor)} for step in record["ladder"]]
     return sheets.levels_sheet({**record, "ladder": levels}, shown, "")
 

@@ -55,10 +55,10 @@ def size_text(value: float, u: float, unit: str) -> str:
     return f"{with_u(factor * value, factor * u)} {shown}".rstrip()
 
 
-def shrinkage_of(record: Json) -> tuple[tuple[str, str, str], list[Json]]:
-    """Keys of the residuals of withheld motions before and after, and as expected; and these by joint."""
+def shrinkage_of(record: Json) -> tuple[tuple[str, ...], list[Json]]:
+    """Keys of residuals of withheld motions, before, after, as expected, with 95 %; and these by joint."""
     unit = record["unit"]
-    keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
+    keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}", f"expected_interval95_{unit}")
     return keys, by_joint(record, record["shrinkage"]["tracking" if unit == "deg" else "torque"], keys)
 
 
@@ -90,17 +90,10 @@ WORDS = {"Nm": "N m", "deg": "deg"}
 
 def torque_sheet(record: Json) -> Sheet:
     """RMS of the residuals on validation motions, joint by joint: of torques, or of servos."""
-    keys, items = shrinkage_of(record)
+    (*keys, ends), items = shrinkage_of(record)
     heads = zip(("model", "with the effects", "expected"), keys, strict=True)
-    columns = [
-        Column(residual_of(record), "joint"),
-        *(Column(head, key, newton_metres) for head, key in heads),
-    ]
-    of = record["shrinkage"]["tracking" if record["unit"] == "deg" else "torque"]
-    if ends := of.get(key := f"expected_interval95_{record['unit']}"):  # not in a file of an earlier version
-        columns.append(Column("95 %", key, interval))
-        items = [{**item, key: e} for item, e in zip(items, ends, strict=True)]
-    return Sheet(tuple(columns), items)
+    sizes = (Column(head, key, newton_metres) for head, key in heads)
+    return Sheet((Column(residual_of(record), "joint"), *sizes, Column("95 %", ends, interval)), items)
 
 
 def interval(ends: list[float]) -> str:
@@ -295,10 +288,8 @@ def torque(run: page.Run) -> page.Section | None:
     return page.blocks("torque", "Withheld motions", *tables)
 
 
-def _course(record: Json) -> tuple[page.Figures, page.Text] | tuple[()]:
+def _course(record: Json) -> tuple[page.Figures, page.Text]:
     """Drawings of the residuals in the withheld motion with most error, joint by joint."""
-    if "withheld" not in record:  # of an earlier version
-        return ()
     w, unit, kinds = record["withheld"], record["unit"], KINDS if record["named"] else KINDS[:1]
     time, drawings = np.array(w["time_s"]), []
     for j, (name, floor) in enumerate(zip(record["joints"], record["noise"][f"floor_{unit}"], strict=True)):

@@ -33,7 +33,7 @@ from bayescal.reporting.sheet import Column, Sheet, below, headed, screen, sheet
 from bayescal.reporting.text import Facts, listed, p_value, under
 from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import filled, whole
+from bayescal.storage.folders import filled, put, whole
 from bayescal.storage.reading import TOGETHER, Json
 from bayescal.verifying.log import SLIDING, LogVerification
 
@@ -139,7 +139,7 @@ def write_fit(
     `shown` is where the folder will be, for the page.
     """
     with whole(folder, FIT) as stage:
-        (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
+        put(stage, {FIT: json_text(contents, rows=False)})
         save(draws_of(fit), stage / POSTERIOR)
         return FIT, write_page(stage, shown or folder), POSTERIOR, *write_arm(fit.mechanism, fit.log, stage)
 
@@ -198,7 +198,7 @@ def write_together(
 ) -> tuple[str, ...]:
     """Write fit.json and the run folders of both atomically; return the names."""
     with whole(folder, FIT) as stage:
-        (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
+        put(stage, {FIT: json_text(contents, rows=False)})
         of_both = contacts.fit_record(result.contacts)
         contacts.write_fit(result.contacts, stage / CONTACTS, of_both, pictures, folder / CONTACTS)
         write_fit(result.log, stage / LOG, fit_record(result.log), folder / LOG)

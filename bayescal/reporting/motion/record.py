@@ -21,7 +21,7 @@ from bayescal.reporting.origin import entry, plain, record_of, software
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.text import SURE, listed, probability
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import put, whole
 
 SCHEMA = "bayescal-gap/1"
 GAP = "gap.json"
@@ -289,22 +289,17 @@ def write_motion(
     gap: MotionGap, folder: Path, contents: Mapping[str, Any], further: Mapping[str, str]
 ) -> tuple[str, ...]:
     """Write gap.json, gap.html and further texts by name atomically; return their names."""
-    texts = {GAP: json_text(contents, rows=False), **further}
     with whole(folder, GAP) as stage:
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8")
+        put(stage, {GAP: json_text(contents, rows=False), **further})
         written = write_arm(gap.arm.mechanism, gap.model.estimate.parts[0].log, stage)
         return GAP, write_page(stage, folder), *further, *written
 
 
 def write_arm(m: Mechanism, log: Log, stage: Path) -> tuple[str, ...]:
     """Write arm.yaml, and copy the log, to be verified against; a large one is not, nor coupled joints."""
-    arm = () if m.coupled else (ARM_FILE,)
-    for name in arm:
-        (stage / name).write_text(arm_text(m), encoding="utf-8")
+    arm = put(stage, {} if m.coupled else {ARM_FILE: arm_text(m)})
     if sum(path.stat().st_size for path in log.files) > MOST_COPIED:
         return arm
     (stage / COPY).mkdir()
-    for path in log.files:
-        (stage / COPY / path.name).write_bytes(path.read_bytes())
+    put(stage / COPY, {path.name: path.read_bytes() for path in log.files})
     return *arm, COPY

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,7 @@ from bayescal.reporting.page import GENERATOR, Facts, Run, Section, Text, blocks
 from bayescal.reporting.page.common import inputs, interactive
 from bayescal.reporting.sheet import Bar, Column, Sheet, as_is, of_key, sheet_of_cells
 from bayescal.storage.files import write_together
-from bayescal.storage.folders import LIST, whole
-from bayescal.storage.locks import scratch
+from bayescal.storage.folders import LIST, put, whole
 from bayescal.storage.reading import Json
 
 BROWSERS = (
@@ -67,7 +67,8 @@ def pdf_of(page: str) -> bytes:
         If there is no browser, or it does not print.
     """
     program = browser()
-    with scratch("bayescal-page") as folder:
+    with TemporaryDirectory(prefix="bayescal-page-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
         source, made = folder / "page.html", folder / "page.pdf"
         source.write_text(page, encoding="utf-8")
         command = [
@@ -179,9 +180,7 @@ def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     with whole(folder, run.file) as stage:
         shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
         files = _files([run], stage / KINDS[run.kind][0], pdf)
-        for path, content in files.items():
-            path.write_bytes(content)
-    return tuple(folder / path.name for path in files)
+        return tuple(folder / name for name in put(stage, {path.name: files[path] for path in files}))
 
 
 def _check_replaceable(path: Path, pdf: bool) -> None:

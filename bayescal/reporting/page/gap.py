@@ -4,11 +4,11 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 
 from bayescal.effects import EFFECTS
-from bayescal.gap.result import OTHER, VALIDATION_POINTS
+from bayescal.gap.result import MARGINS, OTHER, VALIDATION_POINTS
 from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
 from bayescal.reporting.gap.phrases import LIKELY
-from bayescal.reporting.origin import images_keys, images_sheet, possible
+from bayescal.reporting.origin import images_keys, images_sheet
 from bayescal.reporting.page import Fault, FirstScreen, Run, Section, blocks, common, texts
 from bayescal.reporting.page.svg import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.sheet import Sheet
@@ -66,7 +66,7 @@ def _lines(word: str, words: Sequence[str]) -> list[str]:
 
 def faults(record: Json) -> list[Fault]:
     """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
-    out, may_be = [], _further(record)
+    out, may_be = [], further(record)
     for named in record["named"]:
         amplitudes = sheets.amplitudes_of(record, named["effect"])
         facts = [
@@ -117,11 +117,18 @@ def doubt_of(named: Json) -> str:
     return "probably " if named["probability"] < text.SURE else ""
 
 
-def _further(record: Json) -> tuple[str, ...]:
-    """Known effects of which one is probable beside the named ones."""
-    if record["verdict"] != "named+unexplained":
+LEAST = 0.05
+"""Least probability of an effect that is worth an inspection of the machine."""
+
+
+def further(record: Json) -> tuple[str, ...]:
+    """Known effects beside the named ones that together exceed an unmodelled effect, the probable ones."""
+    stated, p = (sheets.NULL, sheets.OTHER, *record["effects"]), record["probability"]
+    others = tuple(n for n in record["credible_set90"] if n not in stated)
+    together = sum(p.get(n) or 0.0 for n in others)
+    if record["verdict"] != "named+unexplained" or together <= (p.get(sheets.OTHER) or 0.0):
         return ()
-    return possible(record["probability"], record["credible_set90"], record["effects"])
+    return tuple(n for n in others if (p.get(n) or 0.0) >= LEAST) or others
 
 
 def _stated(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
@@ -153,7 +160,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
     of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
     excess = f"{text.length(of['excess_um'])} µm" if sheets.exceeds(record) else "not significant"
-    factor = sheets.per_vector(of["of"], sheets.components(record))
+    factor = sheets.per_vector(of["of"], of["components"])
     detail = (
         f"95 %: {text.interval(ends, factor)} µm per {kind}; validation RMS "
         f"{text.length(of['validation_rms_um'])} µm, noise {text.length(of['noise_um'])} µm"
@@ -235,7 +242,8 @@ def advice(run: Run) -> Section | None:
 
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     first, effects, lambda run: blocks("where", "Location of the error", sheets.where_sheet(run.record)),
-    common.scene, lambda run: common.residuals(run, *sheets.margin_sheets(run.record)), levels, common.budget,
-    lambda run: blocks("blind", "Blind spots", sheets.blind_sheet(run.record)), advice, common.inputs,
+    common.scene, lambda run: common.residuals(run, *(sheets.margin_sheet(run.record, k) for k in MARGINS)),
+    levels, common.budget, lambda run: blocks("blind", "Blind spots", sheets.blind_sheet(run.record)), advice,
+    common.inputs,
 )  # fmt: skip
 """Sections of gap.html, in their order."""

@@ -23,7 +23,7 @@ from bayescal.reporting.plan_sheets import clearances, count, payloads
 from bayescal.reporting.sheet import Sheet
 from bayescal.reporting.text import MM, UM
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import put, whole
 
 
 def table_of_plan(plan: Plan) -> str:
@@ -244,9 +244,5 @@ def write_plan(
         texts |= form.files(plan, probe or Probe())
     with whole(folder, PLAN) as stage:
         drawn = png_of(draw_plan(plan))
-        (stage / PICTURE).write_bytes(drawn)
         texts[PAGE] = plan_page(plan, drawn, tuple(later.items()))
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8", newline="")
-        setup = write_setup(plan.pool.setup.dataset, stage)
-    return (*texts, PICTURE, *setup)
+        return *put(stage, {**texts, PICTURE: drawn}), *write_setup(plan.pool.setup.dataset, stage)
