@@ -259,7 +259,6 @@ def watch(
 )
 def fleet(
     sessions: list[Path] = typer.Argument(metavar="SESSIONS..."),
-    arm: str = "",
     workers: int | None = None,
     dask: str | None = None,
     out: Path = Path("runs/fleet"),
@@ -291,9 +290,7 @@ def fleet(
     from bayescal.public.fleet import fleet as run
 
     with progress("fit") as notify:
-        result = run(
-            sessions, out, arm=arm, workers=workers, dask=dask, progress=notify, say=notify.say, **options
-        )
+        result = run(sessions, out, workers=workers, dask=dask, progress=notify, say=notify.say, **options)
     show(result.report(), out, result.written)
 
 
@@ -334,9 +331,9 @@ def changed(
 @command("bayescal history runs/arm-7", "bayescal history runs/arm-7 --limit-mm 0.1")
 def history(
     folder: Path = typer.Argument(metavar="ARM"),
-    order: str = "",
     limit_mm: float | None = typer.Option(None, min=0.0),
     out: Path | None = None,
+    **options: Any,
 ) -> None:
     """The parameters of an arm over its sessions: trends, steps, and when to calibrate again.
 
@@ -355,6 +352,6 @@ def history(
     from bayescal.public.changes import history as run
 
     with run_folder(out, [folder], "history") as target, progress("read") as notify:
-        result = run(folder, order=order, limit_mm=limit_mm, progress=notify)
+        result = run(folder, limit_mm=limit_mm, progress=notify, **options)
         written = result.save(target)
     show(result.report(), target, written)

@@ -9,7 +9,7 @@ import typer
 from bayescal.cli.root import check_format, command, print_as, progress, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
-from bayescal.public import arms, console
+from bayescal.public import arms, console, starting
 
 
 @command(
@@ -251,7 +251,5 @@ def report(
     pdf
         Also print a PDF, by Chromium or Chrome.
     """
-    from bayescal.public.starting import report as work
-
-    for path in work(runs, out, pdf=pdf):
+    for path in starting.report(runs, out, pdf=pdf):
         typer.echo(f"written          {path}")

@@ -75,7 +75,8 @@ def command(
     A parameter is the option of its name. What its name, its type and its default do not state (that it is
     an argument, its metavar, limits) is stated by `typer.Argument` or `typer.Option` in place of the default.
     Options are in the order of the docstring. Those that the function does not declare it receives as
-    ``**options``: of "As of `fit`." with type and default of `fit`, of others as of the public function.
+    ``**options``: of "As of `fit`." with type and default of `fit`, of others as of the public function, or
+    else texts that are empty by default.
 
     Parameters
     ----------
@@ -104,9 +105,9 @@ def command(
                     first = _options[other[1]][key]
                     described[key] = _option(declared.get(key, first), first.default.help)
                 else:
-                    described[key] = _option(
-                        declared.get(key) or _of_public(public[key]), " ".join(text.split())
-                    )
+                    of_text = inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default="")
+                    option = declared.get(key) or _of_public(public.get(key, of_text))
+                    described[key] = _option(option, " ".join(text.split()))
         _options[function.__name__] = described
         others = [_option(p) for key, p in declared.items() if key not in described]
         signature = inspect.Signature([*others, *described.values()])

@@ -2,26 +2,23 @@
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import typer
 
 from bayescal.cli.root import check_format, command, print_as
 from bayescal.errors import BayescalError
-from bayescal.public import functions
+from bayescal.public import console, functions, starting
 
 
 @command(
     'bayescal init cell --robot ur5e --artefact cube,spheres --tcp "0 0 150 mm"',
     "bayescal init cell --robot arm.urdf --artefact tracker",
+    calls=starting.init,
     tool="tcp",
 )
 def init(
-    folder: Path = typer.Argument(metavar="DIR"),
-    robot: str = typer.Option(),
-    artefact: str = "cube",
-    tcp: str = "",
-    name: str = "",
-    allow_xacro: bool = False,
+    folder: Path = typer.Argument(metavar="DIR"), robot: str = typer.Option(), tcp: str = "", **options: Any
 ) -> None:
     """Write the set-up of a new session: a commented dataset.yaml, an empty table, and what to measure.
 
@@ -40,9 +37,7 @@ def init(
     allow_xacro
         As of `fit`.
     """
-    from bayescal.public.starting import init as run
-
-    written = run(folder, robot, artefact, tool=tcp, name=name, allow_xacro=allow_xacro)
+    written = starting.init(folder, robot, tool=tcp, **options)
     typer.echo(f"written to {folder}: {', '.join(written)}")
     typer.echo(f"next: read {folder}/README.md; fill in dataset.yaml (values marked !FILL_IN)")
 
@@ -70,29 +65,17 @@ def schema(name: str = typer.Argument(metavar="dataset|robot|artefact")) -> None
 def import_(
     log: Path = typer.Argument(),
     out: Path = typer.Option(),
-    map_: str = "",
-    robot: str = "",
     format_: str = "csv",
     points: list[Path] = typer.Option([]),
     points_map: list[str] = typer.Option([]),
     pair: str = "row",
     template: Path | None = None,
     plan: Path | None = None,
-    tcp: str = "",
-    noise: str = "",
     readings: str = "encoder",
-    validate: str = "",
-    decimal: str = "",
-    name: str = "",
-    motions: str = "",
-    joints: str = "",
-    board: str = "",
-    torque: str = "",
-    topic: str = "",
     table: str = "csv",
     calibration: Path | None = None,
     force: bool = False,
-    allow_xacro: bool = False,
+    **options: Any,
 ) -> None:
     """Convert a log to a dataset folder. Units must be stated and are checked.
 
@@ -160,12 +143,13 @@ def import_(
     allow_xacro
         As of `fit`.
     """
-    options = dict(locals())
+    given = dict(locals())
     from bayescal.importing import Request, convert, write
 
-    del options["out"], options["force"]  # the others are fields of the request
-    options |= {"tool": options.pop("tcp"), "points_map": points_map or ""}
-    draft = convert(Request(**{name.rstrip("_"): value for name, value in options.items()}))
+    given |= given.pop("options")
+    del given["out"], given["force"]  # the others are fields of the request
+    given |= {"tool": given.pop("tcp"), "points_map": points_map or ""}
+    draft = convert(Request(**{name.rstrip("_"): value for name, value in given.items()}))
     write(draft, out, force)
     typer.echo(draft.headline)
     failed = [f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else []
@@ -300,10 +284,8 @@ def check(
     allow_xacro
         As of `fit`.
     """
-    from bayescal.public.starting import check as run
-
     check_format(to, ("table", "json"))
-    result = run(dataset, calibration=calibration, allow_xacro=allow_xacro)
+    result = starting.check(dataset, calibration=calibration, allow_xacro=allow_xacro)
     print_as("json" if json else to, result)
     if any(f.kind == "refused" for f in result.data.findings):
         raise typer.Exit(1)
@@ -332,13 +314,11 @@ def robots(part: str = typer.Argument("", metavar="[PART]"), to: str = "table") 
 
         typer.echo(json_text({"robots": listed.reset_index().to_dict("records")}), nl=False)
         return
-    from rich.console import Console
     from rich.padding import Padding
 
-    console = Console(highlight=False, markup=False)
-    wide = max(map(len, listed.index), default=0)
+    terminal, wide = console(), max(map(len, listed.index), default=0)
     for name, row in listed.iterrows():
         masses = "with masses" if row.masses else "without masses"
-        console.print(f"{name:{wide}}  {row.joints} joints  reach {row.reach_mm:4.0f} mm  {masses}")
-        console.print(Padding(row.sources, (0, 0, 1, 2)), style="dim")
-    console.print(f"{len(listed)} built-in robots; any other as robot.yaml or URDF (--robot FILE)")
+        terminal.print(f"{name:{wide}}  {row.joints} joints  reach {row.reach_mm:4.0f} mm  {masses}")
+        terminal.print(Padding(row.sources, (0, 0, 1, 2)), style="dim")
+    terminal.print(f"{len(listed)} built-in robots; any other as robot.yaml or URDF (--robot FILE)")

@@ -183,9 +183,7 @@ def _seal(stage: Path) -> None:
 
 def _synchronise(path: Path) -> None:
     """Synchronise a file, or the names in a folder, with the disk."""
-    if os.name == "nt" and path.is_dir():
-        return
-    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
@@ -197,8 +195,6 @@ def _put(stage: Path, folder: Path) -> None:
     if folder.exists():
         shutil.copymode(folder, stage)
     if not folder.exists() or not any(folder.iterdir()):
-        if os.name == "nt" and folder.exists():
-            folder.rmdir()
         os.rename(stage, folder)
     else:
         aside = beside(folder, ASIDE)

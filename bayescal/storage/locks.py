@@ -69,8 +69,7 @@ def _runs(process: int, token: str) -> bool:
     """Whether a process of this host is alive."""
     if process == os.getpid():
         return token == TOKEN
-    if os.name == "nt":
-        return True  # os.kill would terminate the process on Windows; the user removes the folder
+
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -119,8 +118,7 @@ def alone(path: Path) -> Iterator[None]:
         yield
     finally:
         del _HELD[path]
-        if os.name == "nt":  # an open file cannot be removed there
-            lock.release()
+
         with suppress(OSError):
             file.unlink()
         lock.release()
@@ -143,7 +141,7 @@ def _owner(lock: Path) -> str:
         Of what is not a lock, for example a pipe or a file of the user.
     """
     content = ""
-    with suppress(FileNotFoundError, PermissionError):  # Windows locks the first byte
+    with suppress(FileNotFoundError, PermissionError):
         try:
             with open_regular(lock) as file:
                 content = file.read(20).decode("ascii", "replace")

@@ -85,8 +85,7 @@ def stoppable() -> Iterator[None]:
         yield
         return
     reading, writing = os.pipe()
-    if os.name == "posix":
-        os.set_blocking(writing, False)
+    os.set_blocking(writing, False)
     before = {s: handler for s in SIGNALS if (handler := signal.getsignal(s)) is not signal.SIG_IGN}
     waking = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     for number in before:

@@ -182,9 +182,6 @@ def _broken(future: futures.Future[Any]) -> bool:
 @contextmanager
 def _no_interrupts() -> Iterator[None]:
     """A process that is started within receives no Ctrl-C: its parent ends it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield

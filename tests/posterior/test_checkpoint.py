@@ -228,7 +228,6 @@ FOREIGN = {
 }
 
 
-@pytest.mark.skipif(os.name == "nt", reason="not possible on this system")
 @pytest.mark.parametrize("what", FOREIGN)
 def test_what_is_not_a_checkpoint_is_never_written_or_removed(fitted, kept, what):
     checkpoint, said = kept

@@ -93,7 +93,6 @@ OTHERS = {
 }
 
 
-@pytest.mark.skipif(os.name == "nt", reason="not possible on this system")
 @pytest.mark.parametrize("what", OTHERS)
 def test_what_has_the_name_of_a_lock_is_refused_and_kept(tmp_path, what):
     lock = tmp_path / ".out.bayescal-lock"
