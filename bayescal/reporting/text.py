@@ -106,6 +106,8 @@ NEVER = 1000.0
 """Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""
 SURE = 0.9
 """Probability from which on a named effect is found; below, it is probable (convention)."""
+LEAST = 0.01
+"""Least probability of an effect that is listed."""
 FEW_SITES = 2
 """Sites of an effect that its label names."""
 

@@ -243,7 +243,9 @@ def test_bars_are_those_of_the_record(sessions):
     drawn = bars(draw("where", record).axes[0])
     shown = record["where"][: where.PLACES]
     assert [width for width, _ in drawn] == pytest.approx([w["rms_um"] for w in shown])
-    assert [colour != "#ffffff" for _, colour in drawn] == [where.significant(w) for w in shown]
+    assert [colour != "#ffffff" for _, colour in drawn] == [
+        where.significant(w["family_p_value"]) for w in shown
+    ]
     drawn = bars(draw("which", record).axes[0])
     ranked = sorted(record["probability"].values(), reverse=True)
     assert [width for width, _ in drawn] == pytest.approx(ranked[: len(drawn)])

@@ -15,8 +15,6 @@ from bayescal.storage.reading import Json
 UNMODELLED = ("unknown", "named+unexplained")
 """Verdicts that state an unmodelled effect."""
 NULL, OTHER = "null", "unknown"
-LEAST = 0.01
-"""Least probability of an effect that is listed unfolded."""
 
 
 def marked(place: Json) -> bool:
@@ -122,7 +120,7 @@ def effects_sheet(record: Json) -> Sheet:
         "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
         "the data; 'unmodelled effect': none of the known effects does"
     )
-    likely = sum((p or 0.0) >= LEAST for p in record["probability"].values())
+    likely = sum((p or 0.0) >= text.LEAST for p in record["probability"].values())
     return Sheet(columns, items, caption, max(likely, 5))
 
 

@@ -20,7 +20,7 @@ PLACES = 5
 BLIND = 4
 MARGINS = 3
 ADVICE = 3
-LEAST_PROBABILITY = 0.01
+
 NOISE_FROM = {"repeats": "repeated measurements", "images": "corners within images"}
 NOISE_FROM |= {"fit": "the fit", "stated": "dataset.yaml"}
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow", "class": "bold yellow"}
@@ -126,7 +126,7 @@ def _margins(gap: Gap, record: Json) -> text.Facts:
 
 def _which(record: Json) -> text.Facts:
     ranked = sorted(record["probability"].items(), key=lambda item: -item[1])
-    shown = [f"{text.rival(n)} {text.probability(p)}" for n, p in ranked if p >= LEAST_PROBABILITY]
+    shown = [f"{text.rival(n)} {text.probability(p)}" for n, p in ranked if p >= text.LEAST]
     if shown:
         yield "probability", ", ".join(shown), ""
     credible = record["credible_set90"]

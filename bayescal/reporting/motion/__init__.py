@@ -17,7 +17,7 @@ from bayescal.reporting.page import svg
 from bayescal.reporting.page.common import CLIP
 from bayescal.reporting.page.gap import FIRST, doubt_of, verdict_of
 from bayescal.reporting.sheet import Column, Sheet, below, screen, terminal
-from bayescal.reporting.text import Facts, by_reason, probability, rival, share, under, with_u
+from bayescal.reporting.text import LEAST, Facts, by_reason, probability, rival, share, under, with_u
 from bayescal.storage.reading import Json
 
 DISPLAYED = {
@@ -25,8 +25,7 @@ DISPLAYED = {
     "1": ("%", 100.0), "1/K": ("%/K", 100.0), "": ("", 1.0),
 }  # fmt: skip
 """Unit in memory -> unit in print and factor to it; others are printed as they are."""
-LEAST = 0.01
-"""Least probability of a cause that is listed."""
+
 EXPECTED = "by the residual of fitted motions, what is faster in withheld ones, and u of the parameters"
 """What the column `expected` of withheld motions is."""
 

@@ -16,10 +16,10 @@ from bayescal.motion.effects import EFFECTS, Form, at_speed
 from bayescal.motion.quantities import UNKNOWN
 from bayescal.motion.search import OTHER, Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
-from bayescal.reporting.motion import LEAST, size_text
+from bayescal.reporting.motion import size_text
 from bayescal.reporting.origin import entry, plain, record_of, software
 from bayescal.reporting.page.build import write_page
-from bayescal.reporting.text import SURE, listed, probability
+from bayescal.reporting.text import LEAST, SURE, listed, probability
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import put, whole
 

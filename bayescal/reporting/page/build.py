@@ -203,8 +203,7 @@ def _is_page(path: Path) -> bool:
 
 FAR = 2.0
 """Differences above this multiple of their u are marked (k = 2)."""
-LEAST = 0.01
-"""Least probability, in any run, of an effect that is listed."""
+
 
 ERRORS = {
     "contacts": ("heldout_planes_rms_um", "heldout_rms_um"),
@@ -273,7 +272,7 @@ def effects(runs: Runs) -> Section | None:
     for _, run in some:
         for name, p in run.record["probability"].items():
             largest[name] = max(largest.get(name, 0.0), p or 0.0)
-    order = sorted((n for n in largest if largest[n] >= LEAST), key=lambda n: -largest[n])
+    order = sorted((n for n in largest if largest[n] >= text.LEAST), key=lambda n: -largest[n])
     probabilities = [Column(label, of_key(_probability, run), as_is) for label, run in some]
     table = Sheet((Column("effect", text.rival), *probabilities), order, "Probability of the effects")
     keys = dict.fromkeys(_key(a) for _, run in some for a in run.record["amplitudes"])

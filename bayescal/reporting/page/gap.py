@@ -117,10 +117,6 @@ def doubt_of(named: Json) -> str:
     return "probably " if named["probability"] < text.SURE else ""
 
 
-LEAST = 0.05
-"""Least probability of an effect that is worth an inspection of the machine."""
-
-
 def further(record: Json) -> tuple[str, ...]:
     """Known effects beside the named ones that together exceed an unmodelled effect, the probable ones."""
     stated, p = (sheets.NULL, sheets.OTHER, *record["effects"]), record["probability"]
@@ -128,7 +124,7 @@ def further(record: Json) -> tuple[str, ...]:
     together = sum(p.get(n) or 0.0 for n in others)
     if record["verdict"] != "named+unexplained" or together <= (p.get(sheets.OTHER) or 0.0):
         return ()
-    return tuple(n for n in others if (p.get(n) or 0.0) >= LEAST) or others
+    return tuple(n for n in others if (p.get(n) or 0.0) >= LIKELY) or others
 
 
 def _stated(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
