@@ -62,7 +62,7 @@ def read_targets(path: Path, robot: Robot, payload_kg: float = 0.0) -> TargetTab
     table = read_cells(path, lambda header, where: _check_header(header, where, robot.units))
     count = len(table.line)
     xyz, rpy = table.block(XYZ, True), table.block(RPY, True)
-    payload, tools, ids = table.optional("payload_kg", True), table.texts("tool"), table.texts("id")
+    payload, tools, ids = table.optional("payload_kg"), table.texts("tool"), table.texts("id")
     if payload is not None:
         table.first(payload < 0, "`payload_kg` is {payload_kg}", "give a mass of 0 or more")
     given: dict[str, Sequence[Any] | np.ndarray | None] = {

@@ -105,9 +105,9 @@ class Table:
             raise self.error(row, outside(column, (values[row],)), "check the number and its unit")
         return values * si(column)
 
-    def optional(self, column: str, needed: bool = False) -> np.ndarray | None:
-        """`numbers`, or None where there is no such column."""
-        return self.numbers(column, needed) if column in self.cells else None
+    def optional(self, column: str) -> np.ndarray | None:
+        """`numbers` without empty cells, or None where there is no such column."""
+        return self.numbers(column, needed=True) if column in self.cells else None
 
     def block(self, columns: Iterable[str], needed: bool) -> np.ndarray | None:
         """Columns side by side (N, k), SI; None where there are none of them."""

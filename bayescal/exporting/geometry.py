@@ -16,6 +16,7 @@ from bayescal.effects import ALWAYS, Parameter
 from bayescal.exporting.written import Format, Item, item
 from bayescal.fitted.arm import FittedArm
 from bayescal.model import Model
+from bayescal.storage.reading import table_beside
 
 STATE = ("time", "temperature", "event")
 """Drivers whose value at one row of the session is a constant of the file."""
@@ -130,21 +131,7 @@ def coupled(joint_from_reading: np.ndarray) -> list[str]:
     return [] if np.array_equal(joint_from_reading, np.eye(len(joint_from_reading))) else [note]
 
 
-WHY = {
-    "torque": "depends on the gravity torque",
-    "bending moment": "depends on the gravity moment of the link",
-    "base moment": "depends on the gravity moment on the base",
-    "mass": "acts through the compliances",
-    "load": "acts with an added load alone",
-    "angle": "varies with the angle of a joint",
-    "position": "varies with the position of a joint",
-    "extended moment": "depends on the load and the extension of a linear axis",
-    "reading": "varies with the reading",
-    "direction": "depends on the direction of motion",
-    "flank": "depends on the direction of motion and the gravity torque",
-    "joint speed": "depends on the speed of a joint",
-    "remaining motion": "depends on the remaining motion",
-}
+WHY = table_beside(__file__, "reasons.toml")
 """Why an effect is no constant of the arm, by the kind of its driver."""
 NEGATIVE = "is negative: no spring turns against its torque"
 PROBE, ARTEFACT = "belongs to the probe, not to the arm", "belongs to the artefact, not to the arm"

@@ -19,6 +19,7 @@ from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import steps, zero_frames
+from bayescal.robots.urdf import smallest_turn
 
 ANGLE, LENGTH = np.radians(0.5), 3e-3
 """rad, m: axes that differ by more are those of another arm; calibrated ones differ by less."""
@@ -287,10 +288,3 @@ def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np
     wanted = np.einsum("kij,kj->ki", across, p - r @ turn.T)
     shift = np.linalg.lstsq(across.reshape(-1, 3), wanted.ravel(), rcond=1e-9)[0]
     return rigid(turn, shift)
-
-
-def smallest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The smallest rotation (3, 3) that takes a unit vector to another, nearby one."""
-    cross = np.cross(a, b)
-    skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
-    return np.eye(3) + skew + skew @ skew / (1.0 + float(a @ b))

@@ -25,7 +25,7 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.solver import root
 from bayescal.fitted import gate
 from bayescal.fitted.gate import NOTHING, Use
-from bayescal.fitted.unmodelled import Circumstance, Unmodelled, posed_rows
+from bayescal.fitted.unmodelled import Circumstance, Unmodelled, posed_rows, source_rows
 from bayescal.model import ARM, USUAL, FitOptions, Model
 from bayescal.model.equilibrium import standing_model
 from bayescal.predict.crossvalidation import validation_errors
@@ -225,8 +225,27 @@ class FittedArm:
         BayescalError
             For a tool or a row that the session does not have, or an arm without equilibrium under gravity.
         """
-        readings, dataset = np.atleast_2d(np.asarray(readings, float)), self.dataset
-        return Poses.of(self, Circumstance.of(dataset, readings, direction, tool, payload_kg, time, row))
+        readings, m = np.atleast_2d(np.asarray(readings, float)), self.dataset.measurements
+        if not np.all(np.isfinite(payload_kg)):
+            raise BayescalError("is not a finite number", "--payload-kg", "give a number of kg")
+        if np.any(np.asarray(payload_kg) < 0):
+            raise BayescalError("is negative", "--payload-kg", "give a mass of 0 or more")
+        way = np.broadcast_to(0.0 if direction is None else np.asarray(direction, float), readings.shape)
+        columns: dict[str, Any] = {"readings": readings, "command": readings, "velocity": way}
+        if m.payload is not None or np.any(payload_kg):
+            columns["payload"] = payload_kg
+        if tool is not None:
+            names = [t.name for t in self.dataset.tools]
+            if tool not in names:
+                raise BayescalError(f"there is no tool `{tool}`", "", f"tools: {', '.join(names)}")
+            columns["tool"] = names.index(tool)
+        source = source_rows(self.dataset, len(readings), time, row)
+        if time is not None:
+            columns["time"] = times = np.broadcast_to(np.asarray(time, float), (len(readings),))
+            if m.time is not None and m.temperature is not None:
+                order = np.argsort(m.time, kind="stable")
+                columns["temperature"] = np.interp(times, m.time[order], m.temperature[order])
+        return Poses.of(self, Circumstance(source, columns))
 
     def at_rows(self, rows: np.ndarray) -> Poses:
         """TCP positions and flange in rows (C,) of the session, with all that was measured there."""

@@ -19,6 +19,7 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Negative, Rigid
 from bayescal.model import ARM
 from bayescal.predict.errors import lengths, slopes
+from bayescal.storage.reading import table_beside
 
 if TYPE_CHECKING:
     from bayescal.calibration import Fit
@@ -27,24 +28,10 @@ if TYPE_CHECKING:
 REDUCED = 0.5
 """Uncertainty of distances between TCPs, as a share of that of the prior, above which the fit is taken
 for not identified (assumed)."""
-REMAINS = {
-    "unknown": "an unmodelled effect remains, which the arm does not have",
-    "named+unexplained": "beside the named effects an unmodelled one remains, which the arm does not have",
-    "class": "the data do not decide within a class of causes; the arm has the leading one if it is likely",
-    "ambiguous": "the data do not decide between effects; the arm has only those that are named",
-}
-"""What a verdict says of the arm of a diagnosis."""
+REMAINS, STEPS = table_beside(__file__, "words.toml").values()
+"""What a verdict says of the arm of a diagnosis, and what to do after a fit."""
 MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
 """Findings after which more is to be measured."""
-STEPS = {
-    "gap": "find the cause in the machine",
-    "samples": "repeat with another --seed or with --samples 0; the posterior is not converged",
-    "measure": "measure more in other poses (bayescal plan --after; see the warnings), then fit again",
-    "scale": "check certified lengths and the size of the board: by these, all links are longer or shorter",
-    "validate": "add measurements with role validate, best of certified distances; then fit again",
-    "use": "use robot.yaml of the run folder, or export the arm",
-}
-"""What to do after a fit."""
 PAIRS = 400
 """Pairs of poses whose distances are looked at."""
 

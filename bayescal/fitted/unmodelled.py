@@ -210,42 +210,6 @@ class Circumstance:
     columns: Mapping[str, Any]
     still: bool = True
 
-    @classmethod
-    def of(
-        cls,
-        dataset: Dataset,
-        readings: np.ndarray,
-        direction: np.ndarray | None,
-        tool: str | None,
-        payload_kg: np.ndarray | float,
-        time: np.ndarray | float | None,
-        row: str | int | None,
-    ) -> Circumstance:
-        """The circumstance of readings (C, n); arguments as of `FittedArm.at`."""
-        m, count = dataset.measurements, len(readings)
-        if not np.all(np.isfinite(payload_kg)):
-            raise BayescalError("is not a finite number", "--payload-kg", "give a number of kg")
-        if np.any(np.asarray(payload_kg) < 0):
-            raise BayescalError("is negative", "--payload-kg", "give a mass of 0 or more")
-        way = np.zeros(readings.shape) if direction is None else np.asarray(direction, float)
-        columns: dict[str, Any] = {
-            "readings": readings, "command": readings, "velocity": np.broadcast_to(way, readings.shape),
-        }  # fmt: skip
-        if m.payload is not None or np.any(payload_kg):
-            columns["payload"] = payload_kg
-        if tool is not None:
-            names = [t.name for t in dataset.tools]
-            if tool not in names:
-                raise BayescalError(f"there is no tool `{tool}`", "", f"tools: {', '.join(names)}")
-            columns["tool"] = names.index(tool)
-        source = _source(dataset, count, time, row)
-        if time is not None:
-            columns["time"] = times = np.broadcast_to(np.asarray(time, float), (count,))
-            if m.time is not None and m.temperature is not None:
-                order = np.argsort(m.time, kind="stable")
-                columns["temperature"] = np.interp(times, m.time[order], m.temperature[order])
-        return cls(source, columns)
-
     def again(self, some: np.ndarray, **columns: Any) -> Circumstance:
         """Some of the poses, with other values of columns."""
         mine = {name: x if np.ndim(x) == 0 else np.asarray(x)[some] for name, x in self.columns.items()}
@@ -261,7 +225,7 @@ class Circumstance:
         return _driven(p, len(m.ids), None) if self.still and p.driver.kind in MOVING else p
 
 
-def _source(
+def source_rows(
     dataset: Dataset, count: int, time: np.ndarray | float | None, row: str | int | None
 ) -> np.ndarray:
     """Rows (count,) whose state holds at times, s, or the row that is named; default: the last fitted row."""
@@ -285,7 +249,7 @@ def state_row(dataset: Dataset, time: float | None = None, row: str | int | None
     """Index of the row whose state holds at a time, s, or that is named; default: the last fitted row."""
     if time is not None and row is not None:
         raise BayescalError("a time and a row are given", "--at-time-s", "give one of them")
-    return int(_source(dataset, 1, time, row)[0])
+    return int(source_rows(dataset, 1, time, row)[0])
 
 
 def _row(dataset: Dataset, row: str | int | None) -> int:

@@ -189,8 +189,8 @@ def _detector(
     if board.kind == "checkerboard":
         return partial(_checkerboard, cv2, board), "checkerboard"
     if board.kind == "apriltag":
-        family = getattr(cv2.aruco, f"DICT_APRILTAG_{board.family.upper()}")
-        detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(family), _subpixel(cv2))
+        family = _dictionary(cv2, f"APRILTAG_{board.family.upper()}")
+        detector = cv2.aruco.ArucoDetector(family, _subpixel(cv2))
         tags = sorted({k for path in images.values() for k in _tags(detector, pixels(cv2, path))})
         if len(tags) > 1:
             what = f"tags {listed(list(map(str, tags)), 6)} are seen: it is not stated which is the board"
@@ -220,11 +220,8 @@ def _dictionary(cv2: Any, text: str) -> Any:
 
 def _markers(cv2: Any, text: str, some: Iterable[np.ndarray]) -> list[int]:
     """Numbers of all markers of a dictionary that are seen."""
-    detector, out = cv2.aruco.ArucoDetector(_dictionary(cv2, text)), list[int]()
-    for grey in some:
-        ids = detector.detectMarkers(grey)[1]
-        out += [] if ids is None else np.ravel(ids).tolist()
-    return out
+    detector = cv2.aruco.ArucoDetector(_dictionary(cv2, text))
+    return [k for grey in some for k in _tags(detector, grey)]
 
 
 def _subpixel(cv2: Any) -> Any:
@@ -284,7 +281,7 @@ def _session(
         velocity=column(readings.block(joint_columns("degps", units), needed=True)),
         pixel=np.column_stack([np.concatenate([f.pixel for f in used]), number]),
         stop=np.array([readings.cells["image"][k] for k in place]),
-        time=column(readings.optional("time_s", needed=True)),
+        time=column(readings.optional("time_s")),
     )  # fmt: skip
     base = replace(base, tools=base.tools or (Tool("on-flange", np.zeros(3)),))
     stated = [t for t in base.targets if t.kind == "camera"]

@@ -45,11 +45,11 @@ class Message:
     stamp: str = "header.stamp"
 
 
-_FORMATS = table_beside(__file__, "formats.toml")
+FORMATS = table_beside(__file__, "formats.toml")
 UR_RTDE, SERIAL, EFFORTS, LEROBOT, SAGE = (
-    _FORMATS[key] for key in ("ur_rtde", "serial", "efforts", "lerobot", "sage")
+    FORMATS[key] for key in ("ur_rtde", "serial", "efforts", "lerobot", "sage")
 )
-MESSAGES = {kind: Message(**message) for kind, message in _FORMATS["messages"].items()}
+MESSAGES = {kind: Message(**message) for kind, message in FORMATS["messages"].items()}
 """By type, the first that has all positions gives the rows. What the others are, says `formats.toml`."""
 
 

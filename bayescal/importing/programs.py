@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.importing.joint_formats import FORMATS
 from bayescal.importing.log import Log, text_of
-
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 @dataclass(frozen=True)
@@ -48,32 +47,7 @@ class Listing:
     comment: str = r"(?!)"
 
 
-LISTINGS = {
-    "fanuc-ls": Listing(
-        r"(?ms)^\s*P\[(?P<id>\d+)[^\]]*\]\s*\{(?P<body>.*?)(?:GP2\s*:.*?)?\}\s*;",
-        rf"\bJ(\d+)\s*=\s*({NUMBER})\s*deg",
-        r"\bX\s*=\s*[-+.\d]+\s*mm",
-        prefix="P",
-    ),
-    "fanuc-va": Listing(
-        r"(?ms)^\s*\[1,(?P<id>\d+)\]\s*=\s*'[^']*'(?P<body>.*?)(?=^\s*\[|\Z)",
-        rf"\bJ(\d+)\s*=\s*({NUMBER})\s*deg",
-        r"\bX:\s*[-+.\d]+",
-        prefix="PR",
-    ),
-    "kuka-dat": Listing(
-        r"(?P<id>\w+)\s*=\s*\{(?:\s*E6AXIS\s*:|\s*AXIS\s*:)?(?P<body>\s*[AX]1?\s[^}]*)\}",
-        rf"\bA(\d+)\s+({NUMBER})",
-        r"\bX\s+[-+.\d]+",
-        comment=r"(?m);[^\n]*|^\s*\$[^\n]*",
-    ),
-    "abb-mod": Listing(
-        r"(?i)\b(?:joint|rob)target\s+(?P<id>\w+)\s*:=\s*\[(?P<body>\[[^;]*)\]\s*;",
-        rf"()({NUMBER})",
-        r"^\[[^\]]*\]\s*,\s*\[[^\]]*\]\s*,\s*\[[^\]]*\]\s*,",
-        comment=r"![^\n]*",
-    ),
-}
+LISTINGS = {name: Listing(**listing) for name, listing in FORMATS["listings"].items()}
 """By the name of their format."""
 
 

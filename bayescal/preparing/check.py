@@ -21,7 +21,7 @@ from bayescal.errors import BayescalError
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import centres
-from bayescal.preparing.missing import KINDS, Finding, missing
+from bayescal.preparing.missing import KINDS, Finding, missing, said
 from bayescal.robots import Loaded
 from bayescal.storage.files import Document
 
@@ -41,7 +41,7 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     yield from _lengths(dataset, document)
     yield from _doubled(dataset, table)
     if coarse := rounded(dataset):
-        yield Finding("rounded_readings", "odd", coarse, table.name, "u of every result is too small")
+        yield said("odd", "rounded_readings", table.name, what=coarse)
     yield from _clock(dataset, table)
     convention = explanation(dataset, document)
     refused = list(_refused(dataset, table, document))
@@ -52,7 +52,9 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     yield from refused
     if not refused:
         yield from _diameters(dataset, document)
-        yield from _planned(dataset, table)
+        if (contacts := planned(dataset)) is not None:  # they were never made
+            place = place_of(dataset, table, int(contacts.rows[0]))
+            yield said("odd", "planned_pose", place, what=contacts.words(dataset))
         yield from _images(dataset, table)
 
 
@@ -60,11 +62,10 @@ def _images(dataset: Dataset, table: Table) -> Iterator[Finding]:
     """Images whose corners do not fit the board."""
     for k, target in enumerate(dataset.targets):
         for image in odd_images(dataset, k) if KINDS_OF_TARGET[target.kind].posed else ():
-            what = f"the corners of image {image.name} are {100 * image.misfit:.2g} % of the width of the "
-            what += f"board off, in most images {100 * image.usual:.1g} %"
-            remedy = image.remedy or CHECK_IMAGE
+            more, remedy = f"; {image.what}".rstrip("; "), image.remedy or CHECK_IMAGE
+            sizes = {"misfit": 100 * image.misfit, "usual": 100 * image.usual}
             place = place_of(dataset, table, int(image.rows[0]))
-            yield Finding("odd_image", "odd", f"{what}; {image.what}".rstrip("; "), place, remedy)
+            yield said("odd", "odd_image", place, name=image.name, **sizes, more=more, remedy=remedy)
 
 
 def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
@@ -98,9 +99,8 @@ def _names(dataset: Dataset, document: Document) -> Iterator[Finding]:
         for name in (each.name for each in named):
             other = first.setdefault("".join(name.lower().split()), name)
             if other != name:
-                what = f"the names of {key} `{other}` and `{name}` differ only in case or blanks"
-                remedy = "use one name if they are the same, or two that cannot be mistaken"
-                yield Finding("similar_names", "odd", what, document.where((key, name)), remedy)
+                where = document.where((key, name))
+                yield said("odd", "similar_names", where, key=key, other=other, name=name)
 
 
 def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
@@ -109,9 +109,8 @@ def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
         if c.u_distance is not None and c.u_distance > COARSE and not c.derived:
             names = " and ".join(f"`{name}`" for name in c.targets)
             key = "u_diameter_mm" if c.kind == "diameter" else "u_distance_mm"
-            what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
-            where = document.where(("certificates", k))
-            yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
+            where, u = document.where(("certificates", k)), 1e3 * c.u_distance
+            yield said("odd", "coarse_certificate", where, key=key, names=names, u=u)
     for length in (c for c in contradictions(dataset) if not c.impossible):
         where = document.where(length.place)
         yield Finding("certified_length", "odd", length.what, where, length.remedy)
@@ -123,10 +122,8 @@ def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:
     if pairs := doubled(dataset):
         row, one = pairs[0]
         more = f" ({len(pairs) - 1} more rows repeat another)" if len(pairs) > 1 else ""
-        what = f"row `{m.ids[row]}` has the values of row `{m.ids[one]}`{more}"
-        remedy = "remove the copy; a second measurement has other digits, "
-        remedy += "or one `repeat` or `stop` with the first"
-        yield Finding("doubled_row", "odd", what, place_of(dataset, table, row), remedy)
+        place = place_of(dataset, table, row)
+        yield said("odd", "doubled_row", place, row=m.ids[row], one=m.ids[one], more=more)
 
 
 def _clock(dataset: Dataset, table: Table) -> Iterator[Finding]:
@@ -136,17 +133,7 @@ def _clock(dataset: Dataset, table: Table) -> Iterator[Finding]:
         return
     row = int(back[0]) + 1
     more = f", and {len(back) - 1} more times" if len(back) > 1 else ""
-    what = f"`time_s` goes back by {time[row - 1] - time[row]:.6g} s{more}"
-    remedy = "put the rows in the order of time, or count on from the session before"
-    yield Finding("clock", "odd", what, place_of(dataset, table, row), remedy)
-
-
-def _planned(dataset: Dataset, table: Table) -> Iterator[Finding]:
-    """Contacts that were never made."""
-    if (contacts := planned(dataset)) is not None:
-        place = place_of(dataset, table, int(contacts.rows[0]))
-        remedy = "remove these rows, or write the readings at which the probe touched"
-        yield Finding("planned_pose", "odd", contacts.words(dataset), place, remedy)
+    yield said("odd", "clock", place_of(dataset, table, row), back=time[row - 1] - time[row], more=more)
 
 
 def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
@@ -166,10 +153,8 @@ def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
         radius = float(np.mean([dataset.tools[t].ball_radius or 0.0 for t in m.tool[rows]]))
         stated, seen = float(np.asarray(target.values["diameter"])), 2 * (reach - radius)
         if abs(seen - stated) > ROUND * max(stated, seen):
-            said = f"`diameter_mm` of `{target.name}` is {1e3 * stated:.6g}"
-            what = f"{said}, its contacts show about {1e3 * seen:.3g}"
-            remedy = "check the diameter, and `ball_radius_mm` (a radius, not a diameter)"
-            yield Finding("diameter", "odd", what, document.where(("targets", target.name)), remedy)
+            where = document.where(("targets", target.name))
+            yield said("odd", "diameter", where, name=target.name, stated=1e3 * stated, seen=1e3 * seen)
 
 
 def place_of(dataset: Dataset, table: Table, row: int) -> str:

@@ -4,6 +4,7 @@ Of servos: jumps of positions, zeros that differ, and sag of the joints at rest.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,9 +16,10 @@ from bayescal.motion.controller import is_servo
 from bayescal.preparing import joint_facts
 from bayescal.preparing.joint_delays import speeds
 from bayescal.preparing.joint_facts import CERTAIN, LOADS, SHORTEST, SLOW, Joint, Stamps, is_late
-from bayescal.preparing.missing import Finding
+from bayescal.preparing.missing import TEXTS, Finding
 from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
 
+said = partial(Finding.said, TEXTS["logs"])
 CROSSINGS = 2.0
 """s in all at `SLOW` speeds that show it (assumed)."""
 FAST = 1.0
@@ -72,41 +74,29 @@ def warm_up(log: Log) -> float:
 def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterator[Finding]:
     """What is probably a mistake of the recording."""
     if stamps.gaps:
-        what = f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in the stamps, the longest {stamps.longest:.3g} s"
-        what += f" (step {1e3 * stamps.step:.3g} ms)"
-        yield Finding("gaps", "odd", what, stamps.where, "log without loss; motions are divided there")
+        s = "s" * (stamps.gaps > 1)
+        yield said("odd", "gaps", stamps.where, of=stamps, s=s, ms=1e3 * stamps.step)
     if stamps.jitter > joint_facts.JITTER:
-        what = f"steps scatter by {100 * stamps.jitter:.2g} % of {1e3 * stamps.step:.3g} ms: stamps count"
-        yield Finding("jitter", "odd", what, table, "log the time of measurement, not that of arrival")
+        yield said("odd", "jitter", table, share=100 * stamps.jitter, ms=1e3 * stamps.step)
     yield from _clocks(log, joints, table)
     if wrong := [j for j in joints if j.torque_gain < SCALES[0] or j.torque_gain > SCALES[1]]:
         each = ", ".join(f"{j.name} {j.torque_gain:.3g}" for j in wrong)
-        what = f"torques over those of the nominal masses: {each} (1 expected)"
-        remedy = "check unit (N m), sign and gear ratio of the torques, and the masses of the robot"
-        yield Finding("torque_scale", "odd", what, table, remedy)
+        yield said("odd", "torque_scale", table, each=each)
     for joint in joints:
         if np.isfinite(joint.clipped):
-            what = f"the torque of {joint.name} is limited at {joint.clipped:.4g} N m, a row there is none"
-            yield Finding("clipped", "odd", what, table, "move slower, or raise the limit of the signal")
+            yield said("odd", "clipped", table, j=joint)
         if joint.held > LAGS[0]:
-            what = f"positions of {joint.name} are held for {joint.held:.2g} rows: their rate is lower"
-            yield Finding("held", "odd", what, table, "log at the rate of the controller, with its stamps")
+            yield said("odd", "held", table, j=joint)
         low, high = FILTERED if np.isfinite(joint.velocity_cutoff) else GAINS
         if np.isfinite(joint.velocity_gain) and not low < joint.velocity_gain < high:
-            what = f"the velocity of {joint.name} is {joint.velocity_gain:.3g} times that of its positions"
-            yield Finding("velocity", "odd", what, table, "check the unit of `dq..._degps`, and the stamps")
+            yield said("odd", "velocity", table, j=joint)
     for name in ("velocity", "command", "torque"):
-        parts = [values for m in log.motions if (values := getattr(m, name)) is not None]
-        still = np.ptp(np.concatenate(parts), axis=0) == 0 if parts else ()
-        stuck = (j for j, constant in zip(joints, still, strict=False) if constant)
-        if dead := [j.name for j in stuck if j.fastest > SLOW[0]]:
-            what = f"the {name} of {listed(dead)} never changes though the joint moves"
-            yield Finding("constant", "odd", what, table, "is the signal connected? remove the column if not")
+        stuck = zip(joints, _span(log, name) == 0, strict=True)
+        if dead := [j.name for j, constant in stuck if constant and j.fastest > SLOW[0]]:
+            yield said("odd", "constant", table, quantity=name, names=listed(dead))
     for name, share in log.coarse.items():
         if share < 1.0:
-            rows = f"{100 * share:.0f} % of the rows in which it moves"
-            what = f"the torque of {name} is one and the same in {rows}"
-            yield Finding("coarse", "odd", what, table, "log it with more digits, or leave this joint out")
+            yield said("odd", "coarse", table, name=name, share=100 * share)
     spans = {name: _span(log, name) for name in ("position", "velocity", "torque")}
     for motion in log.motions:
         yield from _corrupt(motion, spans, table)
@@ -125,33 +115,26 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         mean = float(np.sum((values / u**2)[~away]) / np.sum(u[~away] ** -2))
         beyond = abs(mean - log.alignment)
         if beyond > max(CERTAIN * float(np.hypot(u_mean, log.u_alignment)), SHORTEST):
-            way = "later" if mean > 0 else "earlier"
-            what = f"torques are {1e3 * abs(mean):.2f} ms (u {1e3 * u_mean:.2f}) {way} than positions; "
-            what += f"stated is {1e3 * log.alignment:.4g} ms (u {1e3 * log.u_alignment:.2g})"
-            remedy = f"two clocks? state `alignment_ms: {1e3 * mean:.2f}`; else `delay` is assessed"
-            yield Finding("delay", "odd", what, table, remedy)
+            sizes = {"mean": 1e3 * mean, "size": 1e3 * abs(mean), "u": 1e3 * u_mean}
+            sizes |= {"stated": 1e3 * log.alignment, "u_stated": 1e3 * log.u_alignment}
+            yield said("odd", "delay", table, way="later" if mean > 0 else "earlier", **sizes)
         if away.any():
             late = [f"{joints[delays[k][0]].name} {1e3 * values[k]:.2g} ms" for k in np.flatnonzero(away)]
-            what = f"the delay of torque differs by joint: {', '.join(late)}; the others {1e3 * mean:.2g} ms"
-            yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
+            yield said("odd", "joint_delay", table, each=", ".join(late), mean=1e3 * mean)
     slope, u_slope = clock_drift(joints)
     span = np.ptp([m.time.mean() for m in log.motions])
     if abs(slope) > DRIFTS * u_slope and abs(slope) * span > SHORTEST:
-        what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
-        what += f"{1e3 * slope * span:.2g} ms over the log: two clocks of different rates"
-        yield Finding("clock_drift", "odd", what, table, "take torque and position from one message or clock")
-    lag = [j for j in joints if is_late(*j.velocity_delay)]
-    if lag:
+        over = 1e3 * slope * span
+        yield said("odd", "clock_drift", table, slope=1e6 * slope, u=1e6 * u_slope, over=over)
+    if lag := [j for j in joints if is_late(*j.velocity_delay)]:
         each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.3g} ms" for j in lag)
-        what = f"velocities are later than the derivative of positions: {each}"
-        remedy = "they are filtered, or of another clock: see the table"
-        yield Finding("velocity_delay", "odd", what, table, remedy)
+        yield said("odd", "velocity_delay", table, each=each)
 
 
 def _span(log: Log, name: str) -> np.ndarray:
-    """Range (n,) of a quantity over all motions; 0 if it was not measured."""
+    """Range (n,) of a quantity over all motions; nan if it was not measured."""
     parts = [values for m in log.motions if (values := getattr(m, name)) is not None]
-    return np.ptp(np.concatenate(parts), axis=0) if parts else np.zeros(log.n)
+    return np.ptp(np.concatenate(parts), axis=0) if parts else np.full(log.n, np.nan)
 
 
 def _corrupt(motion: Motion, spans: Mapping[str, np.ndarray], table: str) -> Iterator[Finding]:
@@ -159,9 +142,8 @@ def _corrupt(motion: Motion, spans: Mapping[str, np.ndarray], table: str) -> Ite
     for name, span in spans.items():
         values = getattr(motion, name)
         if values is not None and len(rows := joint_facts.spikes(values, span)):
-            what = f"{len(rows)} rows of motion {motion.name} with a {name} far from their neighbours"
             where = f"{table}:{motion.line + rows[0]}"
-            yield Finding("spikes", "odd", what, where, "remove these rows: they are corrupt")
+            yield said("odd", "spikes", where, count=len(rows), motion=motion.name, quantity=name)
     derived = np.gradient(motion.position, motion.time, axis=0)
     rate = derived if motion.velocity is None else motion.velocity
     acceleration = np.abs(np.diff(rate, axis=0) / np.diff(motion.time)[:, None])
@@ -170,69 +152,52 @@ def _corrupt(motion: Motion, spans: Mapping[str, np.ndarray], table: str) -> Ite
         if np.any((rows > LAGS[1] * within) & (rows > FAST)):
             line = motion.line + (0 if end == "begins" else len(motion.time) - 1)
             times = float(np.max(rows / within))
-            what = f"motion {motion.name} {end} with {times:.2g} times the acceleration within"
-            yield Finding("ends", "odd", what, f"{table}:{line}", "remove its first or last rows")
+            yield said("odd", "ends", f"{table}:{line}", motion=motion.name, end=end, times=times)
 
 
 def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     """What the log lacks so that less can be assessed."""
     motions, where = log.motions, "dataset.yaml"
-
-    def lacks(code: str, what: str, remedy: str, place: str = table) -> Finding:
-        return Finding(code, "missing", what, place, remedy)
-
     if is_servo(log):
-        what = "no torques: the errors of the position servos are assessed instead"
-        yield lacks("no_torque", what, "log currents, if the servos state them")
+        yield said("missing", "no_torque", table)
     elif not log.torque_kind:
-        yield Finding("no_torque", "refused", "no torques are logged", table, "log torques or currents")
+        yield said("refused", "no_torque", table)
     elif not log.signed or motions[0].torque is None:
-        what = "torques have no sign: they are not assessed"
-        yield Finding("unsigned", "refused", what, table, "log signed currents or torques")
+        yield said("refused", "unsigned", table)
     if not log.of_role("validate"):
-        what = "no motion has the role validate: `gap` refuses the log"
-        yield lacks("no_validation", what, "withhold some", where)
+        yield said("missing", "no_validation", where)
     elif {m.kind for m in log.of_role("validate")} <= {m.kind for m in log.of_role("calibrate")}:
-        what = "withheld motions are of the kind of the fitted ones: another use is not tested"
-        yield lacks("same_kind", what, "withhold motions of another kind, such as pick and place", where)
+        yield said("missing", "same_kind", where)
     most = max(sum(m.same_as == name for m in motions) for name in {m.same_as for m in motions})
     if most < REPEATS:
-        what = f"no motion is repeated{' three times' if most > 1 else ''}"
-        what += ": the noise follows from residuals alone"
-        yield lacks("no_repeat", what, "log one motion three times", where)
+        yield said("missing", "no_repeat", where, times=" three times" if most > 1 else "")
     short = [m.name for m in motions if m.time[-1] - m.time[0] < LENGTH]
     if len(motions) < MOTIONS or len(short) > len(motions) / 2:
-        what = f"{len(motions)} motions, {len(short)} of them shorter than {LENGTH:g} s"
-        yield lacks("few_motions", what, f"log {MOTIONS} motions or more of 10 to 20 s")
-    still = [j.name for j in joints if j.fastest <= SLOW[0]]
-    if still:
-        what = f"{listed(still)} not moved: friction undetermined"
-        yield lacks("resting", what, "move all joints")
+        counts = {"count": len(motions), "short": len(short), "least": MOTIONS}
+        yield said("missing", "few_motions", table, **counts, length=LENGTH)
+    if still := [j.name for j in joints if j.fastest <= SLOW[0]]:
+        yield said("missing", "resting", table, names=listed(still))
     moved = [j for j in joints if j.name not in still]
     if slow := [j.name for j in moved if j.slow < CROSSINGS]:
-        what = f"{listed(slow)}: less than {CROSSINGS:g} s slower than {SLOW[1]:g} rad/s"
-        yield lacks("no_slow", what, "add a motion that reverses slowly")
+        yield said("missing", "no_slow", table, names=listed(slow), least=CROSSINGS, slow=SLOW[1])
     if slack := [j.name for j in moved if j.fastest < FAST]:
-        yield lacks("no_fast", f"{listed(slack)}: never faster than {FAST:g} rad/s", "add a faster motion")
+        yield said("missing", "no_fast", table, names=listed(slack), fast=FAST)
     if poses := [j.name for j in gravity_loaded(joints) if j.gravity[1] < LOADS * abs(j.gravity[0])]:
-        what = f"{listed(poses)}: gravity loads them in one pose alone"
-        yield lacks("one_pose", what, "move them in two poses or more")
+        yield said("missing", "one_pose", table, names=listed(poses))
     loads = [m.loaded for m in motions]
     changes = sum(a != b for a, b in pairwise(loads))
     if changes == 0:
         what = "all motions carry the payload" if all(loads) else "no motion carries a payload"
-        yield lacks("no_loads", what, "log motions with and without a known payload, interleaved")
+        yield said("missing", "no_loads", table, what=what)
     elif changes == 1:
-        what = "loaded motions come in one block: drift and payload are alike"
-        yield lacks("load_order", what, "interleave motions with and without the payload")
+        yield said("missing", "load_order", table)
     warm = warm_up(log)
     if np.isnan(warm):
-        what = "no temperature: warm-up is assessed by time alone"
-        yield lacks("no_temperature", what, "log `temperature_degC`")
+        yield said("missing", "no_temperature", table)
     elif warm < WARM:
-        yield lacks("no_warm_up", f"the temperature varies by {warm:.2g} K", f"log {WARM:g} K of warm-up")
+        yield said("missing", "no_warm_up", table, warm=warm, least=WARM)
     if motions[0].command is None:
-        yield lacks("no_command", "no commands: tracking is not assessed", "log `command1_deg` ...")
+        yield said("missing", "no_command", table)
 
 
 TURN = 2.0 * np.pi
@@ -293,11 +258,10 @@ def _jumps(log: Log, motion: Motion, table: str) -> Iterator[Finding]:
     size = float(change[rows[0], j])
     turns = _whole(size)
     name = log.mechanism.joint_names[j]
-    what = f"{name} jumps by {np.degrees(size):.1f} deg in one row of motion {motion.name}"
-    what += f" ({len(rows)} such rows)" if len(rows) > 1 else ""
-    what += f": {turns}" if turns else ""
+    more = (f" ({len(rows)} such rows)" if len(rows) > 1 else "") + (f": {turns}" if turns else "")
     remedy = f"its reading wraps at {STEPS} steps: turn it back" if turns else "divide the motion there"
-    yield Finding("jump", "odd", what, f"{table}:{motion.line + int(rows[0]) + 1}", remedy)
+    jump = {"name": name, "size": np.degrees(size), "motion": motion.name, "more": more, "remedy": remedy}
+    yield said("odd", "jump", f"{table}:{motion.line + int(rows[0]) + 1}", **jump)
 
 
 def _turned(log: Log, table: str) -> Iterator[Finding]:
@@ -312,10 +276,8 @@ def _turned(log: Log, table: str) -> Iterator[Finding]:
         for turns in dict.fromkeys(filter(None, kinds)):
             which = [k for k, kind in enumerate(kinds) if kind == turns]
             motions = listed([log.motions[k].name for k in which])
-            what = f"{name} is {turns} from its other motions in {motions}: zero of another calibration?"
             where = f"{table}:{log.motions[which[0]].line}"
-            remedy = "give motions of one calibration, or import the others with their own (--calibration)"
-            yield Finding("turned", "odd", what, where, remedy)
+            yield said("odd", "turned", where, name=name, turns=turns, motions=motions)
 
 
 def _sag(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
@@ -335,12 +297,9 @@ def _sag(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         if rested < RESTING or abs(mean := float(values.mean())) < SAGS:
             continue
         low, high = np.degrees(np.percentile(values, (5, 95)))
-        what = f"{joint.name} rests {np.degrees(mean):.2f} deg from its command ({low:.2f} to {high:.2f} in "
-        what += f"{rested:.0f} s at rest)"
-        if joint.name in loaded:
-            what += f": it sags, gravity loads it with {joint.gravity[0]:.2g} N m on average"
-        remedy = "use positions as readings, not commands; a larger gain of the servo reduces it"
-        yield Finding("sag", "odd", what, table, remedy)
+        more = f": it sags, gravity loads it with {joint.gravity[0]:.2g} N m on average"
+        sizes = {"mean": np.degrees(mean), "low": low, "high": high, "rested": rested}
+        yield said("odd", "sag", table, j=joint, **sizes, more=more if joint.name in loaded else "")
 
 
 def _zeros(log: Log, joints: Sequence[Joint], calibrations: Sequence[Path]) -> Iterator[Finding]:
@@ -354,14 +313,11 @@ def _zeros(log: Log, joints: Sequence[Joint], calibrations: Sequence[Path]) -> I
         half = 0.5 * (servo.range_max - servo.range_min) * STEP
         beyond = max(joint.highest, -joint.lowest) - half
         if beyond > NEAR:
-            what = f"{joint.name} is up to {np.degrees(beyond):.1f} deg beyond its range in the calibration"
-            yield Finding("range", "odd", what, first, "is it the calibration of this log?")
+            yield said("odd", "range", first, j=joint, beyond=np.degrees(beyond))
     for other, theirs in by_file[1:]:
         for name, one, two in zip(names, servos, theirs, strict=True):
             steps = zero_shift(one, two)
             if abs(steps) > APART:
-                turns = _whole(steps * STEP)
-                what = f"at one pose {name} reads {np.degrees(steps * STEP):+.2f} deg ({steps:+g} steps)"
-                what += f" more by {other} than by {first} (Feetech servos)" + (f": {turns}" if turns else "")
-                remedy = "calibrate at the same middle pose, or import each log with its own calibration"
-                yield Finding("zero", "odd", what, other, remedy)
+                more = f": {turns}" if (turns := _whole(steps * STEP)) else ""
+                shift = {"deg": np.degrees(steps * STEP), "steps": steps, "other": other, "first": first}
+                yield said("odd", "zero", other, name=name, **shift, more=more)

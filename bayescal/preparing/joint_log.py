@@ -137,12 +137,9 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     findings += joint_findings.missing(log, joints, table)
     even = [uniform(m) for m in parts.motions]
     if names := reversed_torques(parts, even):
-        what = f"by the torques of {listed(names)} friction drives the motion"
-        remedy = "their sign is reversed: change it, as `j1_torque=-tau1 Nm` in the map of an import"
-        findings.insert(0, Finding("torque_sign", "odd", what, table, remedy))
+        findings.insert(0, joint_findings.said("odd", "torque_sign", table, names=listed(names)))
     elif which := interchanged(parts, even):
-        what = f"{which} are interchanged: so the torques agree with the nominal arm, as they are they do not"
-        findings.insert(0, Finding("order", "odd", what, table, "correct the map, or state `--joints`"))
+        findings.insert(0, joint_findings.said("odd", "order", table, which=which))
     why = not_assessed(log, joints)
     assessed = tuple(name for name in EFFECTS if name not in why)
     order = sorted(findings, key=lambda f: KINDS.index(f.kind))

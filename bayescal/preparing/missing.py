@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from bayescal.model.model import Model
 from bayescal.model.scene import Scene
 from bayescal.planning.pool import RESERVE
 from bayescal.predict.targets import tool_u, unlocated
+from bayescal.storage.reading import table_beside
 
 Kind = Literal["refused", "odd", "missing"]
 KINDS: tuple[Kind, ...] = ("refused", "odd", "missing")
@@ -52,11 +54,21 @@ class Finding:
     remedy: str
 
     @classmethod
+    def said(cls, texts: Any, kind: Kind, code: str, where: str, **values: object) -> Finding:
+        """A finding in the words of a table by kind and code, with the values that they name in braces."""
+        words = texts[kind][code]
+        what, remedy = (words[part].format_map(values) for part in ("what", "remedy"))
+        return cls(code, kind, what, where, remedy)
+
+    @classmethod
     def of(cls, error: BayescalError, code: str) -> Finding:
         """What a reader refuses."""
         return cls(code, "refused", error.what, error.where, error.remedy)
 
 
+TEXTS = table_beside(__file__, "findings.toml")
+"""Words of the findings of sessions and of joint logs."""
+said = partial(Finding.said, TEXTS["sessions"])
 PARALLEL = 0.995  # cosine, 6 deg, of normals of faces that count as parallel
 SHOWN = 4
 """Targets that a finding names."""
@@ -73,19 +85,17 @@ def missing(
     yield from _unused(dataset)
     yield from _predicted(scene)
     yield from _enough(scene, model)
-    yield from _scale(model)
+    if model is not None and not model.knows_length:
+        yield said("missing", "no_length", SETTINGS)
     yield from _faces(dataset)
     if posed and model is not None:
         yield from _undetermined(model)
         for lost in unlocated(unfitted(model, fitted(model, np.zeros(model.size)).z)):
-            what = f"{lost.what}: it validates nothing"
-            yield Finding("not_located", "missing", what, lost.where, lost.remedy)
+            yield said("missing", "not_located", lost.where, what=lost.what, remedy=lost.remedy)
     lacking = () if tests is None else [name for name in tests.missing if name in EFFECTS]
     if dataset.measurements.velocity is None and any(EFFECTS[name].directed for name in lacking):
-        what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
         first = joint_columns("degps", dataset.robot.units)[0]
-        remedy = f"add the columns `{first}` ...; their signs are the direction of approach"
-        yield Finding("no_velocities", "missing", what, TABLE, remedy)
+        yield said("missing", "no_velocities", TABLE, first=first)
 
 
 def _predicted(scene: Scene) -> Iterator[Finding]:
@@ -95,39 +105,30 @@ def _predicted(scene: Scene) -> Iterator[Finding]:
     if not len(scene.rows("calibrate")):
         return
     for k in np.setdiff1d(m.tool[validate], m.tool[fit_rows]).tolist():
-        what = f"only validation rows use the tool {dataset.tools[k].name}: its centre is not fitted, and is "
-        what += f"uncertain by {1e3 * tool_u(scene, k):g} mm in every prediction"
-        remedy = "fit some rows with this tool, or state `u_mm` of its centre"
-        yield Finding("predicted_tool", "missing", what, TABLE, remedy)
+        name, u = dataset.tools[k].name, 1e3 * tool_u(scene, k)
+        yield said("missing", "predicted_tool", TABLE, name=name, u=u)
     for k in np.setdiff1d(m.target[validate], m.target[fit_rows]).tolist():
         target = dataset.targets[k]
         if target.kind == "instrument":
-            what = f"only validation rows are of the instrument {target.name}: its pose, uncertain by "
-            what += f"{1e3 * place_sd(target):g} mm, "
-            what += "is estimated from them, which hides errors that displace it"
-            yield Finding("predicted_instrument", "missing", what, TABLE, "fit some of its rows")
+            u = 1e3 * place_sd(target)
+            yield said("missing", "predicted_instrument", TABLE, name=target.name, u=u)
 
 
 def _roles(dataset: Dataset) -> Iterator[Finding]:
     m = dataset.measurements
     validate = m.role == "validate"
     if not validate.any():
-        what = "no row has the role `validate`: the error to expect is estimated from the fitted measurements"
-        remedy = "give a part of the rows, measured for it, `validate` in the column `role`"
-        yield Finding("no_validation", "missing", what, TABLE, remedy)
+        yield said("missing", "no_validation", TABLE)
     few = []
     for k, target in enumerate(dataset.targets):
         of_target = validate[m.target == k]
         if kinds_of(dataset)[k].located and 0 < len(of_target) < LOCATES and of_target.all():
             few.append(f"`{target.name}`")
     if few:
-        what = f"fewer than {LOCATES} contacts to validate {listed(few, SHOWN)}: they do not locate it"
-        yield Finding("few_on_sphere", "missing", what, TABLE, f"measure {LOCATES} or more on each sphere")
+        yield said("missing", "few_on_sphere", TABLE, least=LOCATES, names=listed(few, SHOWN))
     labels = [s[s != ""] for s in (m.repeat, m.stop) if s is not None]
     if not any(len(set(names)) < len(names) for names in labels):
-        what = "no contact is repeated: the noise is not separable from errors of the model"
-        remedy = "measure some contacts four times, with one name in the column `repeat`"
-        yield Finding("no_repeats", "missing", what, TABLE, remedy)
+        yield said("missing", "no_repeats", TABLE)
 
 
 def _unused(dataset: Dataset) -> Iterator[Finding]:
@@ -135,15 +136,13 @@ def _unused(dataset: Dataset) -> Iterator[Finding]:
     m = dataset.measurements
     idle = [f"`{t.name}`" for k, t in enumerate(dataset.targets) if not np.any(m.target == k)]
     if idle:
-        what = f"no row measures {listed(idle, SHOWN)}"
-        yield Finding("unused_target", "missing", what, SETTINGS, "remove the targets, or measure them")
+        yield said("missing", "unused_target", SETTINGS, names=listed(idle, SHOWN))
 
 
 def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
     """Rows against unknowns."""
     if model is None:
-        what = "no row has the role `calibrate`"
-        yield Finding("too_few", "refused", what, TABLE, "leave `role` empty in the rows to be fitted")
+        yield said("refused", "too_few", TABLE)
         return
     try:
         check_enough(scene)
@@ -152,22 +151,11 @@ def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
         return
     values = sum(block.residuals for block in model.blocks)
     if values < model.size + RESERVE:
-        what = (
-            f"{values} values to fit {model.size} unknowns ({len(model.parameters)} parameters and "
-            f"{len(model.states)} targets): the noise cannot be checked well and a single outlier matters"
-        )
-        rows = len(scene.rows("calibrate"))
+        rows, unknowns = len(scene.rows("calibrate")), (len(model.parameters), len(model.states))
         enough = ceil((model.size + RESERVE) * rows / values)
         plan = "; `bayescal plan --after` proposes them" if plannable(scene.dataset) else ""
-        remedy = f"fit {enough} rows or more in place of {rows}{plan}"
-        yield Finding("few_rows", "missing", what, TABLE, remedy)
-
-
-def _scale(model: Model | None) -> Iterator[Finding]:
-    if model is not None and not model.knows_length:
-        what = "no certified length among the fitted targets: the scale is that of the nominal robot"
-        remedy = "state a certified distance of two fitted targets under `certificates`"
-        yield Finding("no_length", "missing", what, SETTINGS, remedy)
+        counts = {"values": values, "size": model.size, "of": unknowns, "rows": rows, "enough": enough}
+        yield said("missing", "few_rows", TABLE, **counts, plan=plan)
 
 
 def _faces(dataset: Dataset) -> Iterator[Finding]:
@@ -179,9 +167,7 @@ def _faces(dataset: Dataset) -> Iterator[Finding]:
     normals = np.array([t.values["normal"] for t in fitted])
     if np.all(np.abs(normals @ normals[0]) > PARALLEL):
         which = "a single plane is" if len(fitted) == 1 else f"{len(fitted)} parallel planes are"
-        what = f"{which} fitted: errors along the plane are not seen"
-        remedy = "probe planes in three directions, or spheres"
-        yield Finding("parallel_planes", "missing", what, SETTINGS, remedy)
+        yield said("missing", "parallel_planes", SETTINGS, which=which)
 
 
 def _undetermined(model: Model) -> Iterator[Finding]:
@@ -195,5 +181,5 @@ def _undetermined(model: Model) -> Iterator[Finding]:
     covariance = np.linalg.inv(linear.jacobian.T @ linear.jacobian + np.eye(model.size))
     nominal = Estimate(model, z, covariance, weights, linear, 0, np.zeros(0, int), {})
     for u in undetermined(nominal, identifiability(nominal)):
-        if (u.matters or u.hidden) and u.changes != ("length",):  # see `_scale`
+        if (u.matters or u.hidden) and u.changes != ("length",):  # see `no_length`
             yield Finding("not_identifiable", "missing", u.cause, TABLE, u.remedy)

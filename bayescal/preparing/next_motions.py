@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,9 @@ from bayescal.logs.types import TRANSITION
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import SLOW, gravity_torques, joints_of
-from bayescal.preparing.joint_findings import FAST, LENGTH, REPEATS, missing
+from bayescal.preparing.joint_findings import FAST, LENGTH, missing
 from bayescal.probing.clearance import Clearance
+from bayescal.storage.reading import table_beside
 
 SECONDS = 2.0 * LENGTH
 """Of each motion (assumed)."""
@@ -52,8 +54,6 @@ SAMPLED = 400
 """Poses among which those of the most different gravity torques are chosen (cost)."""
 CLEAR = 0.01
 """m between parts of the arm (assumed)."""
-WARMING = 40
-"""Times that a motion is repeated for warm-up (assumed: about ten minutes)."""
 
 Shape = Callable[["Bounds", np.random.Generator, np.ndarray], np.ndarray]
 """Positions (N, n) of a motion at times (N,), away from its first pose (n,), before it is eased."""
@@ -248,7 +248,7 @@ class Purpose:
     name: str
     kind: str
     words: str
-    codes: frozenset[str]
+    codes: tuple[str, ...]
     effects: tuple[str, ...]  # that it makes assessable
     shape: Shape
     copies: int = 1
@@ -257,38 +257,18 @@ class Purpose:
     role: str = "calibrate"
 
 
-PURPOSES = (
-    Purpose(
-        "excitation", "excitation", "repeated: the noise without a model, all joints moved",
-        frozenset({"no_repeat", "few_motions", "resting"}), ("inertia", "armature"), _excitation,
-        copies=REPEATS,
-    ),
-    Purpose(
-        "slow", "slow", f"reverse below {SLOW[1]:g} rad/s: friction at low speed", frozenset({"no_slow"}),
-        ("stribeck",), _slow,
-    ),
-    Purpose(
-        "fast", "excitation", f"faster than {FAST:g} rad/s: viscous friction apart from offsets",
-        frozenset({"no_fast"}), ("asymmetric-friction",), _fast,
-    ),
-    Purpose(
-        "poses", "poses", "two poses of each joint that gravity loads", frozenset({"one_pose"}),
-        ("load-friction", "torque-constant", "base-tilt"), _poses,
-    ),
-    Purpose(
-        "load", "excitation", "in turn with and without a payload that was weighed",
-        frozenset({"no_loads", "load_order"}), ("payload", "payload-offset"), _excitation, copies=2,
-        loaded=(True, False),
-    ),
-    Purpose(
-        "warm-up", "excitation", f"{WARMING} times, from cold to warm: friction and torques by temperature",
-        frozenset({"no_warm_up"}), ("torque-drift", "viscous-temperature"), _excitation, times=WARMING,
-    ),
-    Purpose(
-        "other", "pick-place", "to be predicted only: a motion of another kind",
-        frozenset({"no_validation", "same_kind"}), (), _pick, role="validate",
-    ),
-)  # fmt: skip
+SHAPES: dict[str, Shape] = {
+    "excitation": _excitation, "slow": _slow, "fast": _fast, "poses": _poses, "pick": _pick,
+}  # fmt: skip
+
+
+def _purpose(entry: dict[str, Any]) -> Purpose:
+    words = entry["words"].format(slow=SLOW[1], fast=FAST, times=entry.get("times"))
+    lists = {key: tuple(value) for key, value in entry.items() if isinstance(value, list)}
+    return Purpose(**entry | lists | {"words": words, "shape": SHAPES[entry["shape"]]})
+
+
+PURPOSES = tuple(map(_purpose, table_beside(__file__, "motions.toml")["motions"]))
 """Motions in the order in which they are to be logged."""
 
 
@@ -309,7 +289,7 @@ def next_motions(log: Log, effects: Collection[str] = (), sites: Sequence[str] =
     if any(f.kind == "refused" for f in findings):
         why = "without torques with a sign no motion tells more: log them first"
         return MotionPlan((), (why,), bounds)
-    asked = [p for p in PURPOSES if p.codes & codes or set(p.effects) & set(effects)]
+    asked = [p for p in PURPOSES if codes.intersection(p.codes) or set(p.effects) & set(effects)]
     for site in sites:
         if site.startswith("joint "):
             asked.append(_alone(int(site.removeprefix("joint ")) - 1))
@@ -350,7 +330,7 @@ def _alone(joint: int) -> Purpose:
         return out
 
     words = f"joint {joint + 1} alone, the others at rest: what varies with it"
-    return Purpose(f"joint-{joint + 1}", "alone", words, frozenset(), (), shape)
+    return Purpose(f"joint-{joint + 1}", "alone", words, (), (), shape)
 
 
 def _fitted(b: Bounds, p: Purpose, number: int, kilograms: float) -> tuple[np.ndarray | None, str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
+from bayescal.storage.reading import table_beside
 
 TURNING = ("revolute", "continuous")
 MOVING = (*TURNING, "prismatic")
@@ -24,21 +25,7 @@ LARGEST, HEAVIEST = 1e4, 1e6
 UNLIMITED = 1e9
 """rad/s and N m: a largest velocity or torque in a URDF that limits nothing."""
 FEWER = "give the URDF of the arm alone"
-KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "robot": (("name", "version"), ("link", "joint")),
-    "link": (("name",), ("inertial",)),
-    "inertial": ((), ("origin", "mass", "inertia")),
-    "mass": (("value",), ()),
-    "inertia": (("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), ()),
-    "joint": (("name", "type"), ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics")),
-    "dynamics": (("damping", "friction"), ()),
-    "origin": (("xyz", "rpy"), ()),
-    "parent": (("link",), ()),
-    "child": (("link",), ()),
-    "axis": (("xyz",), ()),
-    "limit": (("lower", "upper", "effort", "velocity"), ()),
-    "mimic": (("joint", "multiplier", "offset"), ()),
-}
+KEPT: dict[str, tuple[list[str], list[str]]] = table_beside(__file__, "urdf.toml")
 """Attributes and children of each tag that matter here; pictures, collisions and controllers do not."""
 
 

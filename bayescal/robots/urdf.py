@@ -248,9 +248,14 @@ def _onto(axis: np.ndarray) -> np.ndarray:
     """The smallest rotation (3, 3) that takes z to a unit vector; opposite to z, half a turn about x."""
     if axis[2] < 0.0:  # turn half over first: near -z the smallest turn is ill determined
         return _onto(-axis) @ np.diag([1.0, -1.0, -1.0])
-    x, y, z = axis
-    cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
-    return np.eye(3) + cross + cross @ cross / (1.0 + z)
+    return smallest_turn(np.array([0.0, 0.0, 1.0]), axis)
+
+
+def smallest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest rotation (3, 3) that takes a unit vector to another, nearby one."""
+    cross = np.cross(a, b)
+    skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
+    return np.eye(3) + skew + skew @ skew / (1.0 + float(a @ b))
 
 
 def _screw(turn: float, slide: float) -> np.ndarray:

@@ -20,10 +20,11 @@ from bayescal.exporting.mjcf.mechanism import MOST, PARTS, Body, Mechanism, elem
 from bayescal.exporting.mjcf.readings import Joints, Law, bare, law_of
 from bayescal.exporting.mjcf.scene_arm import FoundArm
 from bayescal.exporting.mjcf.scene_parts import with_keyframes, with_unique_names, without_earlier
-from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
+from bayescal.exporting.same_arm import ANGLE, Match
 from bayescal.exporting.written import Options, Written, mujoco, path_of
 from bayescal.exporting.xml_text import number, numbers
 from bayescal.fitted.arm import FittedArm
+from bayescal.robots.urdf import smallest_turn
 
 LIGHT = 1e-3
 """Mass, kg, of a body that only carries hinges; gravity does not act on it."""
