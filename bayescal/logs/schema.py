@@ -219,16 +219,13 @@ def known_keys(data: Any, model: type[BaseModel]) -> tuple[Any, list[str]]:
     fields = {f.alias or name: f for name, f in model.model_fields.items()}
     kept, ignored = {}, [key for key in data if key not in fields]
     for key in data.keys() & fields.keys():
-        inner = [m for m in get_args(fields[key].annotation) or (fields[key].annotation,) if _is_model(m)]
+        kinds = get_args(fields[key].annotation) or (fields[key].annotation,)
+        inner = [m for m in kinds if isinstance(m, type) and issubclass(m, BaseModel)]
         kept[key] = data[key]
         if inner and isinstance(data[key], dict):
             kept[key], more = known_keys(data[key], inner[0])
             ignored += [f"{key}: {name}" for name in more]
     return kept, ignored
-
-
-def _is_model(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 
 DIGITS = 9

@@ -23,7 +23,7 @@ from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.gap.settings import DESIGN
 from bayescal.model import Scene
 from bayescal.model.options import Part
-from bayescal.planning.contrasts import Contrast, Contrasts, beside, contrasts
+from bayescal.planning.contrasts import NONE, Contrast, Contrasts, beside, contrasts
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import Projection, Vocabulary, nominal
 from bayescal.planning.result import Confusable, Detectable
@@ -51,8 +51,7 @@ def detectable(
     The amplitude has a detectability lambda of `DESIGN.named`. Amplitudes are root mean squares over the
     parameters of a site; an effect that the contacts cannot show has an infinite one.
     """
-    none = np.empty(0, int)
-    each = Contrasts.of(vocabulary, [Contrast(s.columns, none, k) for k, s in enumerate(vocabulary.seats)])
+    each = Contrasts.of(vocabulary, [Contrast(s.columns, NONE, k) for k, s in enumerate(vocabulary.seats)])
     smallest, by_chance = (_smallest(x) for x in (each.strengths(chosen), _median(each, random)))
     square = np.array([p.sd**2 for p in vocabulary.parameters])
     plausible = [np.sqrt(np.mean(square[s.columns])) for s in vocabulary.seats]
@@ -116,7 +115,7 @@ def _detected(vocabulary: Vocabulary, effect: str, chosen: Projection) -> list[s
     """An effect at each site where it is detectable at its plausible amplitude, as text."""
     texts = dict.fromkeys(f"{effect} at {s.site}" for s in vocabulary.seats if s.effect == effect)
     shown = [t for t in texts if len(vocabulary.shown(Suspect(t)))]
-    items = [Contrast(vocabulary.shown(Suspect(t)), np.empty(0, int), k) for k, t in enumerate(shown)]
+    items = [Contrast(vocabulary.shown(Suspect(t)), NONE, k) for k, t in enumerate(shown)]
     if not items:
         return []
     strengths = Contrasts.of(vocabulary, items).strengths(chosen)
