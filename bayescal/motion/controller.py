@@ -12,6 +12,7 @@ the commands. The delay d is alike to viscous friction, to first order.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -150,13 +151,62 @@ def is_servo(log: Log) -> bool:
     return commanded and not log.torque_kind and log.controller.kind == "position"
 
 
+def unfollowed(log: Log) -> str:
+    """In words the joints whose positions do not follow their commands; "" of none, and without commands.
+
+    By the correlation of positions with commands at the delay at which it is largest.
+    """
+    step = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
+    every = max(round(CONTROLLER.coarse / step), 1)
+    pairs = [(m.command[::every], m.position[::every]) for m in log.motions if m.command is not None]
+    if not pairs:
+        return ""
+    now, _ = _correlations(pairs, 0)
+    most = min(round(CONTROLLER.latest / (step * every)), min(len(u) for u, _ in pairs) // 2)
+    late = [_correlations(pairs, k) for k in range(-most, most + 1)]
+    commanded, moved = (np.ptp(np.concatenate(x), axis=0) for x in zip(*pairs, strict=True))
+    names, out = log.mechanism.joint_names, dict[str, list[str]]()
+    for j in np.flatnonzero(np.maximum(commanded, moved) > CONTROLLER.moved).tolist():
+        r, slope = max((of[j, j], by[j, j]) for of, by in late)
+        other, what, name = int(np.argmax(now[j])), "positions do not follow commands", names[j]
+        if commanded[j] == 0.0:
+            what = "commands never change though the joints move"
+        elif now[j, j] < -CONTROLLER.follows:
+            what = "positions move against commands"
+        elif r <= CONTROLLER.follows and now[j, other] > CONTROLLER.follows:
+            what, name = "positions follow the command of another joint", f"{name} that of {names[other]}"
+        elif r > CONTROLLER.follows:
+            what = f"positions move {slope:.2g} times as far as commands"
+            if 1.0 / CONTROLLER.times < slope < CONTROLLER.times:
+                continue
+        out.setdefault(what, []).append(name)
+    return "; ".join(f"{what} ({listed(of)})" for what, of in out.items())
+
+
+def _correlations(pairs: Sequence[tuple[np.ndarray, np.ndarray]], late: int) -> tuple[np.ndarray, np.ndarray]:
+    """Correlations (n, n) of positions with commands so many rows before, and slopes by these."""
+    u, q = (
+        np.concatenate([x[max(k, 0) : len(x) + min(k, 0)] for x in of])
+        for of, k in zip(zip(*pairs, strict=True), (-late, late), strict=True)
+    )
+    u, q = u - u.mean(axis=0), q - q.mean(axis=0)
+    products, square = q.T @ u, np.maximum(np.sum(u**2, axis=0), np.finfo(float).tiny)
+    size = np.sqrt(np.outer(np.maximum(np.sum(q**2, axis=0), np.finfo(float).tiny), square))
+    return products / size, products / square
+
+
+MISMATCHED = "check the unit (deg), the sign and the order of `command1_deg` ..."
+"""Remedy of positions that do not follow commands."""
+
+
 def with_torques(log: Log) -> Log:
     """A log with torques: as it is, or of position servos the torques by their errors.
 
     Raises
     ------
     BayescalError
-        If there are no torques with a sign, and no commands of position servos.
+        If there are no torques with a sign, and no commands of position servos, or positions do not follow
+        the commands.
     """
     if all(m.torque is not None for m in log.motions):
         return log
@@ -165,6 +215,8 @@ def with_torques(log: Log) -> Log:
     if not is_servo(log):
         what = "no torques are logged, and no commands of position servos"
         raise BayescalError(what, log.name, "log torque1_Nm ..., or command1_deg ... and `kind: position`")
+    if wrong := unfollowed(log):
+        raise BayescalError(wrong, log.name, MISMATCHED)
     control, m = log.controller, log.mechanism
     stiffness, note = (control.stiffness, ()) if control.stiffness is not None else _stiffness(log)
     if control.damping is not None:  # is viscous friction where there are no torques

@@ -321,7 +321,10 @@ def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColum
         yield form, form.term("rad", FORMS.tilt, part=name), column
 
 
-@effect("inertia", "error of the link's inertia", "Use what was found.")
+@effect(
+    "inertia", "error of the link's inertia",
+    "Use what was found. Of the last link it may be that of the tool, or of a payload that is not stated.",
+)  # fmt: skip
 def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     m = s.log.mechanism
     for k in range(m.n):

@@ -95,6 +95,16 @@ class ControllerSettings:
     """s of withheld motions after which no further one is simulated (cost)."""
     lost: float = 0.5
     """rad off the log, from which on a simulation does not follow (assumed)."""
+    moved: float = 0.09
+    """rad by which a joint or its command moves in all, from which on one follows the other (assumed)."""
+    follows: float = 0.7
+    """Correlation of a position with its command, above which it follows (assumed)."""
+    times: float = 3.0
+    """Factor between the two, from which on a unit is wrong (assumed)."""
+    coarse: float = 0.05
+    """s between the rows that are compared (cost)."""
+    latest: float = 2.0
+    """s, delay of the positions at most (assumed)."""
 
 
 @dataclass(frozen=True)

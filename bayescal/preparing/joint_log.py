@@ -3,7 +3,7 @@
 Joints of a log that are interchanged, or whose torques have the opposite sense: the nominal arm tells.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from bayescal.errors import BayescalError, listed
 from bayescal.logs import Log, read_log
 from bayescal.logs.read import TABLES
-from bayescal.motion.controller import is_servo, with_torques
+from bayescal.motion.controller import MISMATCHED, is_servo, unfollowed, with_torques
 from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.effects import EFFECTS
 from bayescal.preparing import joint_facts, joint_findings
@@ -50,7 +50,7 @@ def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
 
 
 def interchanged(log: Log, even: Sequence[Uniform]) -> str:
-    """Two joints that are interchanged, in words, of all columns or of positions alone; "" if none are.
+    """Two joints that are interchanged, in words, of all columns, positions or torques; "" if none are.
 
     Of the torques beside those of the nominal masses, friction and rotors.
     """
@@ -79,6 +79,7 @@ def interchanged(log: Log, even: Sequence[Uniform]) -> str:
         candidates += [
             (log_residual(other, other), f"the columns of {both}"),
             (log_residual(other, as_stated), f"the positions of {both}"),
+            (log_residual(as_stated, other), f"the torques of {both}"),
         ]
     best = min(candidates, default=(stated, ""))
     return best[1] if stated - best[0] > np.log(FACTOR) else ""
@@ -135,15 +136,33 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     findings = [*joint_findings.odd(log, joints, stamps, table)]
     findings += joint_findings.servo_odd(log, joints, table, calibrations)
     findings += joint_findings.missing(log, joints, table)
-    even = [uniform(m) for m in parts.motions]
-    if names := reversed_torques(parts, even):
-        findings.insert(0, joint_findings.said("odd", "torque_sign", table, names=listed(names)))
-    elif which := interchanged(parts, even):
-        findings.insert(0, joint_findings.said("odd", "order", table, which=which))
+    wrong = [*mistaken(log, table)]
+    if any(f.code == "command" for f in wrong):  # no joint sags then
+        findings = [f for f in findings if f.code != "sag"]
+    findings = [*wrong, *findings]
     why = not_assessed(log, joints)
     assessed = tuple(name for name in EFFECTS if name not in why)
     order = sorted(findings, key=lambda f: KINDS.index(f.kind))
     return LogCheck(log, joints, stamps, assessed, why, tuple(order))
+
+
+def mistaken(log: Log, table: str = "") -> Iterator[Finding]:
+    """Columns of another sign, order or unit, by the nominal arm and the other columns.
+
+    Parameters
+    ----------
+    log : Log
+    table : str
+        File of the rows, for places.
+    """
+    if wrong := unfollowed(log):
+        yield Finding("command", "refused" if is_servo(log) else "odd", wrong, table, MISMATCHED)
+    parts = log.divided if log.divided.motions else log  # `fit` and `gap` refuse one without any
+    even = [uniform(m) for m in parts.motions]
+    if names := reversed_torques(parts, even):
+        yield joint_findings.said("odd", "torque_sign", table, names=listed(names))
+    elif which := interchanged(parts, even):
+        yield joint_findings.said("odd", "order", table, which=which)
 
 
 STEADY = 1.0

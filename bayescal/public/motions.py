@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from inspect import signature
 from os import PathLike
 from pathlib import Path
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
+    from bayescal.logs import Log
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.diagnose import MotionGap
     from bayescal.motion.together import Together
@@ -154,14 +155,22 @@ def divided(source: Any) -> tuple[list[Any], list[Path]]:
     return [one for one in each if not any(one is log for log in logs)], list(map(Path, logs))
 
 
+def noted_log(folder: Path) -> Log:
+    """A joint log; columns that are probably mistaken are among its notes."""
+    from bayescal.logs import read_log
+    from bayescal.preparing.joint_log import mistaken
+
+    log = read_log(folder)
+    return replace(log, notes=(*log.notes, *(f"{f.what}; {f.remedy}" for f in mistaken(log))))
+
+
 def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     """Diagnose a joint log; see `bayescal.diagnose`."""
-    from bayescal.logs import read_log
     from bayescal.motion.diagnose import diagnose
     from bayescal.preparing.next_motions import next_motions
     from bayescal.verifying.log import replay_gap
 
-    log = read_log(folder)
+    log = noted_log(folder)
     gap = replay_gap(diagnose(log, progress))
     v = gap.verdict
     sites = (v.leading.members[-1].form.site,) if v.left_open else ()
@@ -219,10 +228,9 @@ def plan_log(folder: Path) -> MotionPlanResult:
 
 def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) -> MotionFitResult:
     """Calibrate an arm from a joint log; see `bayescal.fit`."""
-    from bayescal.logs import read_log
     from bayescal.motion.calibrate import calibrate
 
-    return MotionFitResult(calibrate(read_log(folder), samples, seed, progress))
+    return MotionFitResult(calibrate(noted_log(folder), samples, seed, progress))
 
 
 def refuse(what: str, of: Callable[..., Any], given: Mapping[str, Any], *but: str) -> None:

@@ -20,6 +20,7 @@ from bayescal.motion.effects import EFFECTS
 from bayescal.preparing import joint_facts, joint_findings
 from bayescal.preparing.joint_delays import mean as weighted_mean
 from bayescal.preparing.joint_facts import gravity_torques
+from bayescal.public.motions import noted_log
 
 
 def checked(folder):
@@ -178,22 +179,25 @@ def test_torques_in_another_unit_of_another_sign_or_before_the_gear(tmp_path, fa
     assert f"J1 {check.joints[0].torque_gain:.3g} (1 expected)" in of(check, "torque_scale").what
 
 
-@pytest.mark.parametrize("names", [("q", "dq", "torque"), ("q", "dq")])
-def test_joints_that_are_interchanged(tmp_path, names):
+@pytest.mark.parametrize(
+    ("names", "what"),
+    [(("q", "dq", "torque"), "columns"), (("q", "dq"), "positions"), (("torque",), "torques")],
+)
+def test_joints_that_are_interchanged(tmp_path, names, what):
     log = made()
     for key in [k for k in log.columns if k.startswith(tuple(f"{name}1_" for name in names))]:
         other = key.replace("1_", "2_", 1)
         log.columns[key], log.columns[other] = log.columns[other], log.columns[key]
-    words = "the columns of J1 and J2" if "torque" in names else "the positions of J1 and J2"
-    assert of(checked(written(log, tmp_path / "log")), "order").what.startswith(words)
+    finding = of(checked(written(log, tmp_path / "log")), "order")
+    assert finding.what.startswith(f"the {what} of J1 and J2")
 
 
 def test_a_torque_of_the_opposite_sense_at_one_joint(tmp_path):
     log = made()
     log.columns["torque2_Nm"] *= -1.0
-    assert (
-        "the torques of J2 friction drives" in of(checked(written(log, tmp_path / "log")), "torque_sign").what
-    )
+    folder, words = written(log, tmp_path / "log"), "by the torques of J2 friction drives the motion"
+    assert of(checked(folder), "torque_sign").what == words
+    assert any(text.startswith(words) for text in noted_log(folder).limits)  # what `fit` and `gap` warn of
 
 
 def test_a_log_of_few_rows_has_no_delays(tmp_path):

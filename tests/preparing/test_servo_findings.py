@@ -1,6 +1,7 @@
 """The check of logs of servos: jumps, zeros that differ between motions and calibrations, and sag."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -68,6 +69,34 @@ def test_sag(tmp_path, degrees, count):
     if findings:
         assert f"J1 rests {degrees:.2f} deg from its command" in findings[0].what
         assert "it sags, gravity loads it with" in findings[0].what
+
+
+WRONG = {
+    "": lambda one, two: (np.roll(one, 125), np.roll(two, 125)),  # late by a second, which a fit finds
+    "positions move 57 times as far as commands (J1)": lambda one, two: (np.radians(one), two),
+    "positions move against commands (J2)": lambda one, two: (one, -two),
+    "commands never change though the joints move (J2)": lambda one, two: (one, 0.0 * two),
+    "positions follow the command of another joint (J1 that of J2, J2 that of J1)": lambda *both: both[::-1],
+    "positions do not follow commands (J1)": lambda one, two: (np.sort(one), two),
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_positions_that_do_not_follow_their_commands(tmp_path, words):
+    """Servos are refused; of a log with torques the check says so."""
+    log, names = made(lag=0.04), ("command1_deg", "command2_deg")
+    changed = WRONG[words](*(log.columns[name] for name in names))
+    log.columns |= dict(zip(names, changed, strict=True))
+    each = found(written(log, tmp_path / "log"), "command")
+    assert [(f.kind, f.what) for f in each] == [("odd", words)] * bool(words)
+    log.columns = {name: x for name, x in log.columns.items() if not name.startswith("torque")}
+    log.settings["controller"] = {"kind": "position", "kp_Nm_per_rad": [900.0, 900.0]}
+    folder = written(log, tmp_path / "servo")
+    assert [f.kind for f in found(folder, "command")] == ["refused"] * bool(words)
+    if words:
+        assert not found(folder, "sag")
+        with pytest.raises(BayescalError, match=re.escape(words)):
+            bc.fit(folder, samples=0)
 
 
 def calibration(path, **changes):
