@@ -60,6 +60,14 @@ def test_gross_contacts_name_nothing(bench):
     assert np.mean(left_out) == pytest.approx(0.03 * COUNT, abs=1.0)
 
 
+@pytest.mark.parametrize("effect", ["latency", "second-harmonic"])
+def test_gross_contacts_hide_no_effect(bench, effect):
+    """With them in the noise it is too small to be seen; without them it is as sure as without any."""
+    decision, _ = bench.decided(bench.made_up(5, bench.of_effect(effect, STRONG), gross=0.06))
+    assert (decision.kind, names(decision)) == ("named", [effect])
+    assert decision.probability["null"] < 1e-6
+
+
 @pytest.mark.parametrize("effect", NAMED_EFFECTS)
 def test_every_effect_is_named(bench, effect):
     k = NAMED_EFFECTS.index(effect)

@@ -79,6 +79,11 @@ class Scored:
     others: tuple[Member, ...] = ()  # the best scale of each of the other leading variants, without averaging
 
 
+def unseen_share(share: float, gain: float, fitted: float) -> float:
+    """Share of evidence that the data would not show, of a gain, nats, in that of a fit, `fitted`."""
+    return float(min(share * np.exp(min(gain - fitted, 700.0)), 1.0))
+
+
 @dataclass
 class Search:
     """The problem, its candidates, and every hypothesis that was evaluated."""
@@ -196,15 +201,18 @@ class Search:
                 continue
             key = frozenset((*base.names, name))
             tried = [
-                self.hypothesis((*base.members, table[name].member), (None, start))
+                (self.hypothesis((*base.members, table[name].member), (None, start)), table[name])
                 for table, start in tables
                 if table[name].gain >= least or (len(tables) == 1 and not base.members)
             ]
             if not tried:
                 continue
-            best = max(tried, key=lambda h: h.log_evidence)
+            best, scored = max(tried, key=lambda t: t[0].log_evidence)
             if best.log_evidence - base.log_evidence >= SEARCH.large:
                 best = self._refitted(base, best, tables[0][0][name].others)
+            last = best.members[-1]
+            unseen = unseen_share(last.unseen, scored.gain, best.log_evidence - base.log_evidence)
+            best = replace(best, members=(*base.members, replace(last, unseen=unseen)))
             earlier = self.hypotheses.get(key)
             if earlier is None or best.log_evidence > earlier.log_evidence:
                 self.hypotheses[key] = best

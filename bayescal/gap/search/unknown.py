@@ -30,7 +30,7 @@ from bayescal.gap.linear.evidence import (
 )
 from bayescal.gap.linear.problem import Driven, Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state, limited
-from bayescal.gap.search.beam import Hypothesis, Member
+from bayescal.gap.search.beam import Hypothesis, Member, unseen_share
 from bayescal.gap.search.makers import Argument, Cell
 from bayescal.gap.settings import RELATIVES, UNKNOWN
 
@@ -141,8 +141,9 @@ def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = No
     """A cell with its gain by fits of its best set, scale by scale."""
     wide = _with_columns(state, pool.columns[:, pool.sets[f.best]])
     nats = np.array([_fitted(wide, state, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
-    gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
-    return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
+    gain = float(log_sum(nats) - state.log_evidence - np.log(np.sum(pool.owner == f.cell)))
+    unseen = unseen_share(f.unseen, f.gain, gain)
+    return replace(f, gain=gain, scale=float(SCALES[int(np.argmax(nats))]), unseen=unseen)
 
 
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
