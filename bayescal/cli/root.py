@@ -75,8 +75,8 @@ def command(
     A parameter is the option of its name. What its name, its type and its default do not state (that it is
     an argument, its metavar, limits) is stated by `typer.Argument` or `typer.Option` in place of the default.
     Options are in the order of the docstring. Those that the function does not declare it receives as
-    ``**options``: of "As of `fit`." with type and default of `fit`, of others as of the public function, or
-    else texts that are empty by default.
+    ``**options``: of "As of `fit`." with type and default of `fit`, of others as of the public function; if
+    none is stated, as texts that are empty by default.
 
     Parameters
     ----------
@@ -96,6 +96,7 @@ def command(
             for p in inspect.signature(function).parameters.values()
             if p.kind is not p.VAR_KEYWORD
         }
+        free = calls is None and len(declared) < len(inspect.signature(function).parameters)
         public = inspect.signature(calls).parameters if calls else {}
         described: dict[str, inspect.Parameter] = {}
         for names, text in PARAMETER.findall(section):
@@ -106,7 +107,7 @@ def command(
                     described[key] = _option(declared.get(key, first), first.default.help)
                 else:
                     of_text = inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default="")
-                    option = declared.get(key) or _of_public(public.get(key, of_text))
+                    option = declared.get(key) or _of_public(of_text if free else public[key])
                     described[key] = _option(option, " ".join(text.split()))
         _options[function.__name__] = described
         others = [_option(p) for key, p in declared.items() if key not in described]

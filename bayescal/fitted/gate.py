@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 REDUCED = 0.5
 """Uncertainty of distances between TCPs, as a share of that of the prior, above which the fit is taken
 for not identified (assumed)."""
-REMAINS, STEPS = table_beside(__file__, "words.toml").values()
+WORDS = table_beside(__file__, "words.toml")
+REMAINS, STEPS = WORDS["remains"], WORDS["steps"]
 """What a verdict says of the arm of a diagnosis, and what to do after a fit."""
 MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
 """Findings after which more is to be measured."""

@@ -162,16 +162,14 @@ def unfollowed(log: Log) -> str:
     if not pairs:
         return ""
     now, _ = _correlations(pairs, 0)
-    most = min(round(CONTROLLER.latest / (step * every)), min(len(u) for u, _ in pairs) // 2)
+    most = min(round(CONTROLLER.latest / (step * every)), max(len(u) for u, _ in pairs) // 2)
     late = [_correlations(pairs, k) for k in range(-most, most + 1)]
     commanded, moved = (np.ptp(np.concatenate(x), axis=0) for x in zip(*pairs, strict=True))
     names, out = log.mechanism.joint_names, dict[str, list[str]]()
     for j in np.flatnonzero(np.maximum(commanded, moved) > CONTROLLER.moved).tolist():
         r, slope = max((of[j, j], by[j, j]) for of, by in late)
         other, what, name = int(np.argmax(now[j])), "positions do not follow commands", names[j]
-        if commanded[j] == 0.0:
-            what = "commands never change though the joints move"
-        elif now[j, j] < -CONTROLLER.follows:
+        if now[j, j] < -CONTROLLER.follows:
             what = "positions move against commands"
         elif r <= CONTROLLER.follows and now[j, other] > CONTROLLER.follows:
             what, name = "positions follow the command of another joint", f"{name} that of {names[other]}"
@@ -186,7 +184,7 @@ def unfollowed(log: Log) -> str:
 def _correlations(pairs: Sequence[tuple[np.ndarray, np.ndarray]], late: int) -> tuple[np.ndarray, np.ndarray]:
     """Correlations (n, n) of positions with commands so many rows before, and slopes by these."""
     u, q = (
-        np.concatenate([x[max(k, 0) : len(x) + min(k, 0)] for x in of])
+        np.concatenate([x[max(k, 0) : len(x) + min(k, 0)] for x in of if len(x) > abs(late)])
         for of, k in zip(zip(*pairs, strict=True), (-late, late), strict=True)
     )
     u, q = u - u.mean(axis=0), q - q.mean(axis=0)

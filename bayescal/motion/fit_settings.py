@@ -95,8 +95,9 @@ class ControllerSettings:
     """s of withheld motions after which no further one is simulated (cost)."""
     lost: float = 0.5
     """rad off the log, from which on a simulation does not follow (assumed)."""
-    moved: float = 0.09
-    """rad by which a joint or its command moves in all, from which on one follows the other (assumed)."""
+    moved: float = 0.2
+    """rad by which a joint or its command moves in all, from which on one follows the other (assumed: a joint
+    that holds its command sags by less)."""
     follows: float = 0.7
     """Correlation of a position with its command, above which it follows (assumed)."""
     times: float = 3.0

@@ -90,7 +90,7 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
         low, high = FILTERED if np.isfinite(joint.velocity_cutoff) else GAINS
         if np.isfinite(joint.velocity_gain) and not low < joint.velocity_gain < high:
             yield said("odd", "velocity", table, j=joint)
-    for name in ("velocity", "torque"):
+    for name in ("velocity", "command", "torque"):
         stuck = zip(joints, _span(log, name) == 0, strict=True)
         if dead := [j.name for j, constant in stuck if constant and j.fastest > SLOW[0]]:
             yield said("odd", "constant", table, quantity=name, names=listed(dead))

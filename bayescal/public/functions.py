@@ -140,12 +140,11 @@ def fit(
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
     kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
     if folder is not None:
-        from bayescal.logs import read_log
         from bayescal.motion.together import fit_together
 
         return motions.TogetherResult(
             fit_together(
-                session, read_log(folder), effects, options, without=names(without), samples=samples,
+                session, motions.noted_log(folder), effects, options, without=names(without), samples=samples,
                 progress=progress, checkpoint=kept,
             )
         )  # fmt: skip

@@ -20,7 +20,6 @@ from bayescal.motion.effects import EFFECTS
 from bayescal.preparing import joint_facts, joint_findings
 from bayescal.preparing.joint_delays import mean as weighted_mean
 from bayescal.preparing.joint_facts import gravity_torques
-from bayescal.public.motions import noted_log
 
 
 def checked(folder):
@@ -192,12 +191,23 @@ def test_joints_that_are_interchanged(tmp_path, names, what):
     assert finding.what.startswith(f"the {what} of J1 and J2")
 
 
-def test_a_torque_of_the_opposite_sense_at_one_joint(tmp_path):
+def test_a_torque_of_the_opposite_sense_at_one_joint(tmp_path, monkeypatch):
+    """The check says so, and what `fit` and `gap` compute from has it among its notes."""
     log = made()
     log.columns["torque2_Nm"] *= -1.0
     folder, words = written(log, tmp_path / "log"), "by the torques of J2 friction drives the motion"
     assert of(checked(folder), "torque_sign").what == words
-    assert any(text.startswith(words) for text in noted_log(folder).limits)  # what `fit` and `gap` warn of
+    notes = []
+
+    def taken(log, *_):
+        notes.append(log.limits)
+        raise BayescalError("enough", "", "")
+
+    for module, name, command in (("calibrate", "calibrate", bc.fit), ("diagnose", "diagnose", bc.diagnose)):
+        monkeypatch.setattr(f"bayescal.motion.{module}.{name}", taken)
+        with pytest.raises(BayescalError, match="enough"):
+            command(folder)
+    assert [sum(text.startswith(words) for text in of) for of in notes] == [1, 1]
 
 
 def test_a_log_of_few_rows_has_no_delays(tmp_path):

@@ -171,6 +171,7 @@ def _with_u(value: tuple[float, float]) -> Json:
 
 def _warnings(result: Together, p: float) -> list[str]:
     out = [f"{CONTACTS}: {text}" for text in result.contacts.warnings]
+    out += [f"{LOG}: {text}" for text in result.log.limits]
     if p < UNLIKELY:
         out.append(
             f"the session and the log contradict each other in the masses (P {p_value(p)}): another tool, "
