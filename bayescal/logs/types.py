@@ -277,6 +277,7 @@ class Log:
     digest: str  # SHA-256 of the files
     files: tuple[Path, ...] = ()  # that were read
     noise: np.ndarray | None = None  # (n,) N m, stated standard deviations of the torques
+    mistaken: tuple[str, ...] = ()  # what is probably wrong with its columns, with the remedy
 
     @property
     def n(self) -> int:

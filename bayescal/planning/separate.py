@@ -310,5 +310,5 @@ def _lever(
     for k, name in enumerate(names):
         best = choose(c, DESIGN.contacts, rng, allowed=which == k, exchanges=0)
         if c.strengths(Projection(c.columns, best))[0] >= SEPARATED:
-            return f"{len(best)} contacts: {name}"
+            return f"{len(best)} measurements: {name}"
     return NO_LEVER

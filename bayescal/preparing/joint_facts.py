@@ -191,7 +191,6 @@ class Joint:
     at_rest: float  # fraction of rows
     slow: float  # s at `SLOW` speeds
     gravity: tuple[float, float]  # N m, mean and standard deviation over the poses
-    torque_gain: float  # measured torque over that of the nominal masses; nan if gravity changes little
     torque_delay: tuple[float, float]  # of torque behind what positions predict
     torque_delays: np.ndarray  # (3, P), time, delay and weight of pieces of the motions, see `Delays`
     velocity_delay: tuple[float, float]  # of velocity behind the derivative of position
@@ -222,8 +221,6 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     steps = [np.gradient(m.time) for m in log.motions]
     position = np.concatenate([m.position for m in log.motions])
     gravity = gravity_torques(log, position[:: max(len(position) // POSES, 1)])
-    change = np.where(gravity.std(axis=0) > LOADS * abs(gravity.mean(axis=0)), gravity.std(axis=0), 0.0)
-    gains = _torque_gains(log, even, change > MOST * change.max())
     torques = [m.torque for m in log.motions if m.torque is not None]
     raw = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
     nothing, every = (np.nan, np.nan), np.abs(np.concatenate(velocity))
@@ -248,7 +245,6 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 at_rest=float(np.mean(speed <= SLOW[0])),
                 slow=float(np.concatenate(steps)[slow].sum()),
                 gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
-                torque_gain=float(gains[j]),
                 torque_delay=(delays[j].value, delays[j].u) if moves[j] else nothing,
                 torque_delays=delays[j].pieces,
                 velocity_delay=lag,
@@ -271,15 +267,20 @@ def gravity_torques(log: Log, position: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials))
 
 
-def _torque_gains(log: Log, even: Sequence[Uniform], joints: np.ndarray) -> np.ndarray:
-    """Measured torques over those of the nominal masses, of some joints, beside friction and offset; (n,)."""
+def torque_gains(log: Log, even: Sequence[Uniform]) -> np.ndarray:
+    """Measured torques over those of the nominal masses, beside friction and offset; (n,).
+
+    Nan of joints whose torque by gravity changes little, and without torques.
+    """
     out = np.full(log.n, np.nan)
-    if log.motions[0].torque is None or not joints.any():
+    if log.motions[0].torque is None:
         return out
     q, v, a, torque, _ = thinned(log, even, POSES)
-    parts = regressor(log.mechanism, q, v, a, log.gravity)
-    nominal = np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials)
-    for j in np.flatnonzero(joints):
+    gravity = gravity_torques(log, q)
+    change = np.where(gravity.std(axis=0) > LOADS * abs(gravity.mean(axis=0)), gravity.std(axis=0), 0.0)
+    by = regressor(log.mechanism, q, v, a, log.gravity)
+    nominal = np.einsum("cjkp,kp->cj", by, log.mechanism.inertials)
+    for j in np.flatnonzero(change > MOST * change.max()):
         speed = v[:, j]
         drivers = np.column_stack([nominal[:, j], np.tanh(speed / SLOW[1]), speed, np.ones(len(speed))])
         out[j] = np.linalg.lstsq(drivers, torque[:, j], rcond=None)[0][0]

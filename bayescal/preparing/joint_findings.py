@@ -33,8 +33,6 @@ DRIFTS = 4.0
 GAINS, FILTERED = (0.9, 1.1), (0.6, 1.6)
 """Measured velocity over the derivative of the position: beyond, a unit is wrong; of a filtered one, whose
 gain at rest is extrapolated."""
-SCALES = (0.2, 5.0)
-"""Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
 SHARE = 0.01
 """Of the largest torque of gravity of any joint: what makes a joint one that gravity loads."""
 LAGS = (2.0, 3.0)
@@ -79,9 +77,6 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
     if stamps.jitter > joint_facts.JITTER:
         yield said("odd", "jitter", table, share=100 * stamps.jitter, ms=1e3 * stamps.step)
     yield from _clocks(log, joints, table)
-    if wrong := [j for j in joints if j.torque_gain < SCALES[0] or j.torque_gain > SCALES[1]]:
-        each = ", ".join(f"{j.name} {j.torque_gain:.3g}" for j in wrong)
-        yield said("odd", "torque_scale", table, each=each)
     for joint in joints:
         if np.isfinite(joint.clipped):
             yield said("odd", "clipped", table, j=joint)

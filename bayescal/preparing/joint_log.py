@@ -31,6 +31,9 @@ DRIVES = 0.2
 """Share of the torque of a joint (RMS) by friction that drives its motion, at which its sign is wrong: 0.9
 where it is; in 80 logs where it is not, friction resists the motion."""
 
+SCALES = (0.2, 5.0)
+"""Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
+
 
 def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
     """Names of joints whose torques have the opposite sense: by them friction drives the motion."""
@@ -163,6 +166,12 @@ def mistaken(log: Log, table: str = "") -> Iterator[Finding]:
         yield joint_findings.said("odd", "torque_sign", table, names=listed(names))
     elif which := interchanged(parts, even):
         yield joint_findings.said("odd", "order", table, which=which)
+        return
+    gains = zip(log.mechanism.joint_names, joint_facts.torque_gains(parts, even), strict=True)
+    off = [(n, g) for n, g in gains if (g < SCALES[0] or g > SCALES[1]) and n not in names]
+    if off:
+        each = ", ".join(f"{name} {gain:.3g}" for name, gain in off)
+        yield joint_findings.said("odd", "torque_scale", table, each=each)
 
 
 STEADY = 1.0

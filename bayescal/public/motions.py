@@ -156,12 +156,13 @@ def divided(source: Any) -> tuple[list[Any], list[Path]]:
 
 
 def noted_log(folder: Path) -> Log:
-    """A joint log; columns that are probably mistaken are among its notes."""
+    """A joint log; it states columns that are probably mistaken, also among its notes."""
     from bayescal.logs import read_log
     from bayescal.preparing.joint_log import mistaken
 
     log = read_log(folder)
-    return replace(log, notes=(*log.notes, *(f"{f.what}; {f.remedy}" for f in mistaken(log))))
+    wrong = tuple(f"{f.what}; {f.remedy}" for f in mistaken(log))
+    return replace(log, notes=(*log.notes, *wrong), mistaken=wrong)
 
 
 def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
@@ -174,7 +175,8 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     gap = replay_gap(diagnose(log, progress))
     v = gap.verdict
     sites = (v.leading.members[-1].form.site,) if v.left_open else ()
-    return MotionGapResult(gap, plan=next_motions(log, gap.not_assessed, sites))
+    plan = None if log.mistaken else next_motions(log, gap.not_assessed, sites)
+    return MotionGapResult(gap, plan=plan)
 
 
 @dataclass(frozen=True, repr=False)

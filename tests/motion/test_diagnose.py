@@ -21,6 +21,8 @@ from bayescal.logs.schema import Arm
 from bayescal.motion.diagnose import diagnose
 from bayescal.reporting.motion import beyond_stated, motion_summary
 from bayescal.reporting.motion import record as of_log
+from bayescal.reporting.page import Run
+from bayescal.reporting.page.build import run_page
 
 BUMP = 0.4
 
@@ -345,3 +347,15 @@ def test_every_number_of_a_diagnosis_is_in_its_record_under_its_name(gaps, cause
     check_written(
         lambda given: of_log.motion_record(replace(gap, **given)), given, but="", called=CALLED, units=UNITS
     )
+
+
+def test_mistaken_columns_are_corrected_before_all_else(gaps):
+    """Neither further motions nor a simulator is advised."""
+    gap = gaps["load_friction"].data
+    part, *others = gap.estimate.parts
+    part = replace(part, log=replace(part.log, mistaken=("swapped; correct them",)))
+    wrong = replace(gap, estimate=replace(gap.estimate, parts=(part, *others)))
+    for data in (gap, wrong):
+        text = run_page(Run("motion", of_log.motion_record(data), "x"))
+        assert (of_log.CORRECT in text) == (data is wrong)
+        assert ("bayescal export" in text) == (data is gap)

@@ -206,6 +206,7 @@ def test_a_point_is_one_mark_not_three(tracker):
     dataset = tracker(seed=1, count=40).dataset
     gap = diagnosis(dataset, distances=False)
     error = 1e-6 * np.random.default_rng(0).standard_normal(3 * len(gap.residuals[0]))
+    error[:3] *= 100.0
     gap = replace(gap, residuals=(np.repeat(gap.residuals[0], 3), error, 0.5 * error))
     record = gap_record(gap) | {"rows": rows_record(calibrated(Scene(dataset), ("geometry",)))}
     e = residuals.of_gap(record, "before")
@@ -216,6 +217,9 @@ def test_a_point_is_one_mark_not_three(tracker):
     inside = np.sum(e.value <= residuals.edge_of(e, residuals.of_gap(record, "after")))
     assert len(marks(axes, residuals.KINDS["fitted"])) == inside
     assert axes.get_ylim()[0] == 0.0
+    rows, size = record["rows"], np.sqrt(np.mean(lengths[1:] ** 2))
+    rows["rejected_before"] = [row == gap.residuals[0][0] for row in range(len(rows["id"]))]
+    assert residuals.rms_of(residuals.of_gap(record, "before")) == f"RMS error length {size:.1f} µm"
 
 
 @pytest.mark.parametrize("components", [1, 2, 3])

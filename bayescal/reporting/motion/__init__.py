@@ -249,12 +249,13 @@ def first(run: page.Run) -> page.Section:
     """Verdict, effects with size and place, what to measure next."""
     record = run.record
     tone, sign, word = verdict_of(record)
+    mistaken = record.get("mistaken")
 
     def fault(named: Json) -> page.Fault:
         relevant = ("relevant", "yes" if named["relevant"] else "no")
         facts = (("probability", probability(named["probability"])), relevant)
         doubt = doubt_of(named)
-        advice = FIRST if doubt or record["verdict"] == "class" else named["remedy"]
+        advice = FIRST if doubt or mistaken or record["verdict"] == "class" else named["remedy"]
         return page.Fault(f"{doubt}{named['text']}", facts, advice)
 
     steps = _simulator(run, "Write the arm with the effects, for a simulator:") if record["named"] else []
@@ -263,6 +264,8 @@ def first(run: page.Run) -> page.Section:
     if record.get("next_motions"):
         motions = "Run the motions of next-motions.csv, log them, and diagnose again with the log."
         steps = [*steps, (motions, "")] if record["verdict"] in ("null", "named") else [(motions, ""), *steps]
+    if mistaken:
+        steps = []
     return page.FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong",
         faults=[fault(named) for named in record["named"]],

@@ -59,6 +59,9 @@ def size_of(a: Amplitude) -> str:
     return f"{a.part} {size_text(a.value, a.u, a.unit)}".strip()
 
 
+CORRECT = "Correct the log first; see the warnings. Then diagnose it again."
+
+
 def motion_record(gap: MotionGap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     v, log, s = gap.verdict, gap.estimate.parts[0].log, gap.shrinkage
@@ -101,7 +104,9 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             "stated_Nm": None if servo else log.noise,
         },
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
-        **entry(gap, "missing=not_assessed", "next=advice"),
+        "missing": gap.not_assessed,
+        "mistaken": log.mistaken,
+        "next": [CORRECT] if log.mistaken else gap.advice,
         "parameters": [{"name": n, "deviation": v, "u": gap.u[n]} for n, v in gap.values.items()],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind, "rows": len(m.time)} for m in log.motions],
         "arm": gap.arm.values,
