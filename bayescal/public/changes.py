@@ -99,7 +99,7 @@ def changed(
     Examples
     --------
     >>> import bayescal as bc
-    >>> options = {"effects": "geometry", "contacts": 80, "later": 4, "spheres": 0, "arm_seed": 1}
+    >>> options = {"effects": "geometry", "contacts": 60, "later": 4, "spheres": 0, "arm_seed": 1}
     >>> sessions = [bc.simulate(name=name, seed=seed, **options) for seed, name in enumerate("AB")]
     >>> bc.changed(sessions, "geometry").record["arm"]  # the cube stands elsewhere
     'same'

@@ -236,7 +236,7 @@ def plan(
     --------
     >>> import bayescal as bc
     >>> session = bc.simulate(contacts=40, later=8, repeats=2, spheres=0, seed=1)
-    >>> planned = bc.plan(session, contacts=60, purpose="distances", candidates=300)
+    >>> planned = bc.plan(session, contacts=60, purpose="distances", candidates=150)
     >>> planned.contacts.shape[0], list(planned.contacts.columns[:4])
     (60, ['role', 'target', 'tool', 'j1_deg'])
     >>> bool((planned.distances["distance_sd_um"] > 0).all())

@@ -17,7 +17,7 @@ from bayescal.errors import BayescalError
 from bayescal.fitted.file import read_arm
 from bayescal.reporting.history import _panel, history_record, size
 
-ARM = {"effects": "geometry", "contacts": 70, "later": 2, "repeats": 0, "spheres": 0, "arm_seed": 3}
+ARM = {"effects": "geometry", "contacts": 50, "later": 2, "repeats": 0, "spheres": 0, "arm_seed": 3}
 DATES = ("2025-01-01", "2025-02-10", "2025-12-31")
 
 

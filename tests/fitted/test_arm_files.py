@@ -66,8 +66,7 @@ ATTRIBUTES = (
 )
 
 
-@pytest.mark.parametrize("remounted", [True, False])
-@pytest.mark.parametrize("own_noise", [True, False])
+@pytest.mark.parametrize(("remounted", "own_noise"), [(True, False), (False, True)])
 def test_an_arm_that_was_read_is_that_which_was_written(pair, tmp_path, remounted, own_noise):
     arm = stated(fake(joined(pair, remounted=remounted, own_noise=own_noise), EFFECTS))
     write_arm(arm, tmp_path)

@@ -254,7 +254,8 @@ def test_what_depends_on_two_coordinates_or_on_the_past_is_found(bench, of, plac
 def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(bench):
     """A share of 3 % of a name's nats is its form; the rest of such a cell counts against the name."""
     there = bench.of_effect("encoder-scale", 200.0, seed=1, site="joint 5")
-    _, search = bench.decided(bench.made_up(77, there))
+    search = Search(bench.made_up(77, there), bench.known)
+    search.run()
     h = search.hypotheses[frozenset(("encoder-scale",))]
     null = search.hypotheses[frozenset()].log_evidence
     site, driver = h.members[0].variant.places[0]
@@ -340,18 +341,16 @@ def test_drivers_that_are_alike_in_a_pose_are_kept_once(bench):
     np.testing.assert_allclose(left @ found / size, left @ written / size, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("kept", [True, False])
-def test_sets_that_are_not_kept_are_made_anew(bench, kept, monkeypatch):
+def test_sets_that_are_not_kept_are_made_anew(bench, monkeypatch):
     """Of a large session the columns of all cells are computed one cell after another, and the sets freed."""
-    if not kept:
-        monkeypatch.setattr("bayescal.gap.search.unknown.MOST_ROWS", 0)
+    monkeypatch.setattr("bayescal.gap.search.unknown.MOST_ROWS", 0)
     c, of = bench.circumstances, bench.pool
     every = list(cells(c))
     pool = filled(partial(cells, c), bench.slopes, np.arange(len(bench.slopes.rows)), bench.problem)
     np.testing.assert_array_equal(pool.columns[:, :], of.columns)
     assert [own.tolist() for own in pool.sets] == [own.tolist() for own in of.sets]
     np.testing.assert_array_equal(pool.owner, of.owner)
-    assert all(bool(cell.sets) == kept for cell in pool.cells)
+    assert not any(cell.sets for cell in pool.cells)
     for k, (cell, whole) in enumerate(zip(pool.cells, every, strict=True)):
         assert (cell.site, cell.driver) == (whole.site, whole.driver)
         if k % 20 == 0:
@@ -630,8 +629,7 @@ def test_what_wanders_is_drawn_anew_in_blocks_of_rows(bench):
     p = bench.problem
     moved = column.copy()
     moved[: p.count] *= drawn[p.rows[p.contact]]
-    _, _, fits = unknown(
-        bench.decided(bench.made_up(4, 3.0 * moved))[1].hypotheses[frozenset()], bench.pool, 0.0
-    )
+    null = Search(bench.made_up(4, 3.0 * moved), bench.known).hypothesis(())
+    _, _, fits = unknown(null, bench.pool, 0.0)
     best = bench.pool.cells[max((f for f in fits if f.rival), key=lambda f: f.gain).cell]
     assert (best.site, best.driver) == (joint(2), Driver("count", form="blocks"))

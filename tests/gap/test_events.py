@@ -87,7 +87,7 @@ def test_shifts_of_two_sites_have_their_rows_each():
     flange, since = Scene(d).flange, np.arange(110) >= 79
     moved = (flange @ [0.0, 1.5e-4, 1e-4]) @ rpy_matrix(np.asarray(d.targets[0].values["rpy"]))
     d = with_columns(d, xyz=d.measurements.xyz + moved * since[:, None])
-    (named,) = diagnose(plain(d), MODEL).verdict.named
+    (named,) = explain(Scene(plain(d), oriented=True), MODEL).verdict.named
     assert set(named.sites) == {BASE, TOOL}
     rows = dict(zip(named.sites, named.events, strict=True))
     for site, row in ((BASE, 38), (TOOL, 80)):
@@ -307,14 +307,13 @@ def test_a_stage_that_fails_is_left_out(stages, waved, explained, monkeypatch, t
     assert filed["verdict"] == ("class" if stages == ("refit",) else "named")
 
 
-def test_a_search_that_fails_with_compliance_is_left_out(waved, monkeypatch):
+def test_a_search_that_fails_with_compliance_is_left_out(waved, explained, monkeypatch):
     """The search without it is stated."""
-    right = examine
 
     def fails(scene, effects, options, further=False):
         if further:
             raise BayescalError("the fit does not converge")
-        return right(scene, effects, options)
+        return explained.first
 
     monkeypatch.setattr("bayescal.gap.diagnose.examine", fails)
     monkeypatch.setattr("bayescal.gap.diagnose._promoted", lambda first: True)

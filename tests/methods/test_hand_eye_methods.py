@@ -17,13 +17,13 @@ pytest.importorskip("cv2")
 @pytest.mark.parametrize("mount", ["flange", "fixed"])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_solver_finds_the_hand_eye(mount, solver):
-    scene = Scene(camera_session(mount, images=25, noise=0.01))
+    scene = Scene(camera_session(mount, images=15, noise=0.01))
     np.testing.assert_allclose(on_flange(scene, 0, solver)[:, 3], ON_FLANGE[:3, 3], atol=2e-3)
 
 
 def test_they_are_compared():
     zeros = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
-    session = camera_session(images=25, arm=zeros, validate=5)
+    session = camera_session(images=15, arm=zeros, validate=4)
     (t,) = session.targets  # errors of the lens are parameters of the model
     session = replace(session, targets=(replace(t, values=t.values | {"fx": t.values["fx"] + 3.0}),))
     rows = compare(session, ("geometry",)).rows

@@ -112,7 +112,7 @@ def written(made_up, cube, folder):
     """A session on a cube and of the gauge, whose height is not the nominal one: its folder, and as read."""
     true = made_up.build(replace(GAUGE, values={"direction": UP, "height": HEIGHT + OFF}), None)
     piece = Piece(GAUGE, true, count=40, held=8, about=MIDDLE)
-    made = of_pieces(cube(seed=3, count=80), [piece], seed=1).dataset
+    made = of_pieces(cube(seed=3, count=50), [piece], seed=1).dataset
     made = replace(made, plan=PlanSettings(regions={"gauge": Patch(CENTRE, SIZE)}))
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(KINDS, made_up.name, made_up)
@@ -174,7 +174,7 @@ def test_gap_takes_it(dataset):
 
 def test_plan_takes_it(dataset, quick_search):
     setup = continued(replace(dataset, measurements=no_rows(dataset.robot.n)))
-    made = plan(setup, PlanOptions(60, "distances", candidates=120))
+    made = plan(setup, PlanOptions(50, "distances", candidates=80))
     session, m = made.session, made.session.measurements
     rows = np.flatnonzero(m.target == [t.name for t in session.targets].index("gauge"))
     assert len(rows) >= 5

@@ -1,8 +1,9 @@
 from dataclasses import replace
 
 import pytest
-from motion.made import write
+from motion.made import load_friction, write
 
+import bayescal as bc
 from bayescal.logs import read_log
 from bayescal.motion import calibrate, possible
 from bayescal.motion.estimate import estimated
@@ -22,6 +23,12 @@ def _few_steps():
 @pytest.fixture(scope="session")
 def null_log(tmp_path_factory):
     return write(tmp_path_factory.mktemp("motion") / "null")
+
+
+@pytest.fixture(scope="session")
+def rubbing(tmp_path_factory):
+    """The diagnosis of a log with friction that grows with load."""
+    return bc.diagnose(write(tmp_path_factory.mktemp("motion") / "rubbing", load_friction))
 
 
 @pytest.fixture(scope="session")

@@ -48,7 +48,7 @@ joints:
 friction_transition_degps: 1.719
 payload: {centre_of_mass_mm: [150, 0, 20], radius_of_gyration_mm: 30}
 """
-RATE, SECONDS = 60.0, 9.0
+RATE, SECONDS = 60.0, 6.0
 SIGMA = np.array([0.08, 0.08, 0.04])
 
 
@@ -176,3 +176,8 @@ def truth(rng):
         return out + nominal.armature * ddq + nominal.coulomb * np.tanh(dq / 0.03) + nominal.viscous * dq
 
     return torque
+
+
+def load_friction(q, dq, ddq, tau, t, load):
+    """Friction of joint B that grows with its torque."""
+    return [0.0, 0.04, 0.0] * np.abs(tau) * np.tanh(dq / 0.03)

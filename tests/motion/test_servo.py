@@ -66,7 +66,7 @@ def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("servos")
     made = {}
     for kind, number in (("asymmetric-friction", 3), ("cable", 6), ("null", 1)):
-        settings, columns, truth = make(7, number, kind, 6, 9.0, 25.0)
+        settings, columns, truth = make(7, number, kind, 6, 6.0, 25.0)
         made[kind] = write(folder / kind, settings, columns), truth
     return made
 
@@ -74,7 +74,7 @@ def logs(tmp_path_factory):
 @pytest.mark.parametrize("smooth", [0.03, 0.0])
 def test_friction_and_delay_of_servos_are_found(smooth, tmp_path):
     """In units of the stated stiffness. By measured speeds the delay is 6 ms off, friction 0.1 N m s/rad."""
-    settings, columns, truth = make(7, 2, "null", 6, 9.0, 50.0, smooth)
+    settings, columns, truth = make(7, 2, "null", 6, 6.0, 50.0, smooth)
     log = read_log(write(tmp_path / "log", settings, columns))
     estimate = estimate_of(log)
     model, step_of_commands = estimate.model, 0.02

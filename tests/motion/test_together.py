@@ -30,7 +30,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("together")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(session.COUNT, session.SPHERES, (120, 121))
-        patch.setattr(hidden, "LENGTH", 6.0)
+        patch.setattr(hidden, "LENGTH", 4.0)
         shape = hidden.made(folder, 1)
     return folder, hidden.truth(shape)
 

@@ -44,7 +44,7 @@ def folder(tmp_path_factory) -> Path:
         table = pd.read_csv(StringIO(texts["measurements.csv"]), dtype=str)
         few = table.drop(columns=table.filter(regex="degps$|^time|^temperature")).to_csv(index=False)
         texts |= {"measurements.csv": few}
-        put(top / "sessions" / name, subset(texts, 80, k, 20))
+        put(top / "sessions" / name, subset(texts, 60, k, 16))
     bad = texts | {"measurements.csv": texts["measurements.csv"].replace(",cube.+z,", ",cube.z,", 1)}
     put(top / "sessions" / "bad", bad)
     return top

@@ -159,11 +159,13 @@ def test_every_row_of_a_budget_as_csv_is_that_of_its_record(result, asked):
             assert float(expanded) == pytest.approx(float(of_U["sensitivity"]) * float(u))
 
 
-def test_a_folder_and_a_dataset_give_the_same(session, tmp_path):
+def test_a_folder_and_a_dataset_give_the_same(remembered, tmp_path):
     """A path as text, and in memory except for the readings' rounding in the file."""
+    few = {"contacts": 60, "later": 8, "repeats": 5, "spheres": 0, "seed": 1}
+    session = remembered["simulate"](effects="geometry", **few)
     session.save(tmp_path / "session")
     by_text = bc.fit(str(tmp_path / "session"), ("geometry",), samples=0).parameters["estimate"]
-    in_memory = bc.fit(session.dataset, "geometry", samples=0).parameters["estimate"]
+    in_memory = remembered["fit"](session, "geometry", samples=0).parameters["estimate"]
     pd.testing.assert_series_equal(by_text, in_memory, rtol=1e-6, atol=1e-6)
 
 

