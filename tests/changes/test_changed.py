@@ -24,15 +24,7 @@ from bayescal.model import standing, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import (
-    _pose,
-    changed_page,
-    changed_record,
-    found_from,
-    items_csv,
-    sized,
-    words,
-)
+from bayescal.reporting.changed import _pose, changed_page, changed_record, items_csv, sized
 from bayescal.reporting.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -317,53 +309,6 @@ def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", 
         "sessions": list(sessions), "before": 1.0, "after": 1.01, "difference": 0.01, "u": 0.001, "U": 0.002,
         "k": 2.0, "probability": probability, "class": list(group), "stated": stated,
     } | more  # fmt: skip
-
-
-def said(verdict, items, arm="same", same=0.0):
-    return words(
-        {
-            "verdict": verdict,
-            "arm": arm,
-            "probability": {"same": same, "arm_same": 1.0},
-            "items": items,
-            "distances": None,
-            "sessions": ["before", "after"],
-            "detectable": [],
-            "model": ["geometry"],
-        }
-    )
-
-
-def test_the_words_of_a_verdict():
-    assert said("same", [], same=0.9) == [
-        "No change was found. That nothing changed has a probability of 90 %."
-    ]
-    pair = ("theta3", "a3")
-    both = [entry(name, p, True, pair) for name, p in zip(pair, (0.6, 0.39), strict=True)]
-    (told,) = said("changed", both, arm="changed")
-    assert told.startswith("Changed from after on: zero of joint 3 (theta3) by 10.0(1.0) mdeg or ")
-    assert told.endswith("these sessions do not tell which.")
-    base = entry("base", 1.0, True, kind="setup", site="base")
-    assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
-    assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]
-
-
-def test_what_would_have_been_found_is_a_range_of_what_is_visible():
-    """Of each kind of parameters, from the least to the most; invisible ones have no size, and are named."""
-
-    def found(**tcp):
-        each = [
-            {"item": name, "parameter": name, "effect": "geometry", "site": f"joint {k}", "unit": "deg",
-             "value": um and 1e-3, "tcp_um": um}
-            for k, (name, um) in enumerate(tcp.items(), 1)
-        ]  # fmt: skip
-        return found_from({"detectable": each, "items": [], "model": ["geometry"]})
-
-    seen, unseen = found(theta1=7.0, theta2=3.0, theta3=None, theta4=5.0)
-    assert seen.endswith("moved the TCP by: joint zeros 3 to 7 µm.")
-    assert unseen == "Not visible in these sessions: theta3."
-    assert found(theta1=4.0)[0].endswith("joint zeros 4 µm.")
-    assert found(theta1=None) == ["Not visible in these sessions: theta1."]
 
 
 @pytest.mark.parametrize(

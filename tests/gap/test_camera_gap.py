@@ -31,7 +31,7 @@ def verdict_of(session):
 
 
 def test_the_side_is_named(tmp_path):
-    session, truth = made(tmp_path, 4, "camera", 300.0)
+    session, truth = made(tmp_path, 10, "clock", 300.0)
     assert [n.effect for n in verdict_of(session).named] == truth["effects"]
 
 

@@ -185,17 +185,6 @@ def unstated(dataset):
     return replace(with_columns(calibrating, time=None, temperature=None, repeat=None), readings="command")
 
 
-def one_plane(dataset):
-    return with_rows(dataset, np.flatnonzero((dataset.measurements.target == 0) | on_spheres(dataset)))
-
-
-def test_without_speeds_and_all_planes_but_one(loud):
-    gap = diagnose(with_columns(one_plane(first(loud, 60)), velocity=None))
-    sane(gap)
-    assert {"backlash", "latency", "artefact"} <= set(gap.verdict.missing)
-    assert all(gap.verdict.missing.values())
-
-
 def test_without_spheres_validation_measurements_time_temperature_repeats_and_encoders(loud):
     gap = diagnose(unstated(without_spheres(loud)))
     record = sane(gap)

@@ -131,9 +131,6 @@ def test_a_stiffness_that_differs_between_the_flanks(bench):
     usual = np.quantile(np.abs(torque[bench.circumstances.fitted]), 0.9)
     wind = np.clip(torque, -0.55 * usual, 0.25 * usual)
     assert told(*named(bench, turned(5, wind))) == ("named", "hardening", "joint 5", "uneven")
-    even = np.clip(torque, -0.4 * usual, 0.4 * usual)
-    _, member = named(bench, turned(5, even))
-    assert (member.effect, member.variant.setting) in {("hardening", knee) for knee in (0.3, 0.45, 0.8)}
 
 
 def test_a_state_that_lags(bench):
@@ -336,18 +333,18 @@ def found(bench, parameters, strength=250.0):
     return decision.kind, member
 
 
-@pytest.mark.parametrize("frame", [0, 7])
-def test_the_base_or_the_reflector_shifted(steps_bench, tracker, frame):
-    """In sessions of a tracker; a shift of the reflector was an unmodelled effect."""
-    kind, member = found(steps_bench, shifted(steps_bench.circumstances, frame))
+def test_the_reflector_shifted(steps_bench, tracker):
+    """In sessions of a tracker it was an unmodelled effect; a shift of the base may be of the instrument."""
+    kind, member = found(steps_bench, shifted(steps_bench.circumstances, 7))
     assert (kind, member.effect) == ("named", "step")
     assert abs(member.variant.setting - 60) <= 3
-    assert model_name(member, steps_bench.known).split(" x")[0] == (
-        f"step@{member.variant.setting:g}" + (" at tool" if frame else "")
-    )
-    note = list(alike(Scene(tracker(seed=3, count=120).dataset), [member]))
-    assert bool(note) == (frame == 0)
-    assert not note or "the instrument" in note[0]
+    name = f"step@{member.variant.setting:g} at tool"
+    assert model_name(member, steps_bench.known).split(" x")[0] == name
+    scene = Scene(tracker(seed=3, count=120).dataset)
+    assert not list(alike(scene, [member]))
+    of_base = next(v for v in steps_bench.known.variants["step"] if v.site == "")
+    (note,) = alike(scene, [replace(member, variant=of_base)])
+    assert "the instrument" in note
 
 
 def test_one_of_two_instruments_shifted(tracker):

@@ -276,12 +276,6 @@ def test_page_pools_sessions_and_keeps_the_rest(renewed):
     assert "| bayescal | 3.5 |" in text  # root of the mean of 9 and 16
 
 
-def test_page_has_a_column_for_a_real_session():
-    text = page.tables([record("motoman", normals=None, bayescal=4.0)])
-    assert "| normals | - |" in text
-    assert "planes RMS 5" in text
-
-
 @pytest.mark.parametrize("holds", ["nothing", "something"])
 def test_command_line(tmp_path, holds, command):
     out = tmp_path / "out"
