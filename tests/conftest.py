@@ -180,13 +180,18 @@ def written_out(model, constraint, z: np.ndarray) -> np.ndarray:
     return r - np.array([values.get(f"artefact {p.name}", 0.0) / p.u for p in mine])
 
 
-@pytest.fixture
-def quick_search(monkeypatch):
+def searching_little():
     """A plan's search tries few configurations and places: contacts are as free, and fewer are found."""
-    for name, value in {"FIRST": 20, "HOMES": 2, "PROBES": 8}.items():  # of spheres that validate
-        monkeypatch.setattr(f"bayescal.planning.search.{name}", value)
-    monkeypatch.setattr("bayescal.probing.motions.HUBS", 16)  # raised configurations, for ways around
-    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((16, 10),))
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {"FIRST": 20, "HOMES": 2, "PROBES": 8}.items():  # of spheres that validate
+            patch.setattr(f"bayescal.planning.search.{name}", value)
+        patch.setattr("bayescal.probing.motions.HUBS", 16)  # raised configurations, for ways around
+        patch.setattr("bayescal.probing.motions.CHAINED", ((16, 10),))
+        yield
+
+
+quick_search = pytest.fixture(searching_little, name="quick_search")
+quick_searches = pytest.fixture(searching_little, name="quick_searches", scope="module")
 
 
 @pytest.fixture(scope="session")

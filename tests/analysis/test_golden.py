@@ -7,17 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from analysis.golden import (
-    CASES,
-    commands,
-    compared,
-    keep,
-    normalised,
-    page_text,
-    picture_size,
-    recorded,
-    slug,
-)
+from analysis.golden import compared, keep, normalised
 
 FILES = {
     "fit.json": json.dumps(
@@ -87,54 +77,3 @@ def test_a_missing_file_is_seen(tmp_path):
 def test_paths_progress_and_versions_are_left_out():
     text = "estimate 25 %, 10 s\nwritten /w/run, bayescal 0.1.0, numpy 2.4.6; 3.1 mm\n25 % of it, 10 s\n"
     assert normalised(text, {Path("/w"): "WORK"}) == "written WORK/run, VERSIONS; 3.1 mm\n25 % of it, 10 s\n"
-
-
-def test_a_style_is_no_text_of_a_page():
-    assert page_text(b"<style>p {}</style><p>a  b</p>") == "a b"
-
-
-def test_every_command_of_a_session_has_a_folder_of_its_own():
-    assert len(CASES) == 12
-    for name in CASES:
-        assert len({slug(c) for c in commands(name)}) == len(commands(name))
-
-
-CLI = """
-import os, pathlib, sys
-print("in", os.getcwd(), *sys.argv[1:])
-if "a" in sys.argv:
-    pathlib.Path("old").write_text("1")
-else:
-    pathlib.Path("old").unlink()
-    pathlib.Path("new").write_text("2")
-    sys.exit("refused")
-"""
-
-
-def test_a_recording_holds_what_each_command_did(tmp_path, monkeypatch):
-    (tmp_path / "code" / "bayescal").mkdir(parents=True)
-    (tmp_path / "code" / "bayescal" / "__init__.py").touch()
-    (tmp_path / "code" / "bayescal" / "cli.py").write_text(CLI)
-    monkeypatch.setitem(CASES, "made-up", {"commands": "\nfit a\ngap b --out 'c d'\n"})
-    recorded("made-up", tmp_path / "out", tmp_path / "code", tmp_path)
-    out = tmp_path / "out" / "made-up"
-    found = {str(p.relative_to(out)): p.read_text() for p in out.rglob("*") if p.is_file()}
-    assert found == {
-        "fit_a/exit": "0\n",
-        "fit_a/stdout": "in WORK fit a\n",
-        "fit_a/stderr": "",
-        "fit_a/removed": "",
-        "fit_a/files/old": "1",
-        "gap_b_--out_c_d/exit": "1\n",
-        "gap_b_--out_c_d/stdout": "in WORK gap b --out c d\n",
-        "gap_b_--out_c_d/stderr": "refused\n",
-        "gap_b_--out_c_d/removed": "old\n",
-        "gap_b_--out_c_d/files/new": "2",
-    }
-
-
-def test_a_picture_is_its_size(tmp_path):
-    from matplotlib.figure import Figure
-
-    Figure(figsize=(3, 2), dpi=100).savefig(tmp_path / "a.png")
-    assert picture_size((tmp_path / "a.png").read_bytes()) == "300 x 200 pixels"

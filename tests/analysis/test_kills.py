@@ -1,40 +1,15 @@
 """The kills of `analysis.kills` in small, and what its judgement sees."""
 
 import json
-import os
 import subprocess
 import sys
-from collections import Counter
 
 import numpy as np
 import pytest
 
-from analysis.kills import COMMANDS, SIDECAR, TOP, contents, killed, kills, state
+from analysis.kills import COMMANDS, SIDECAR, contents, killed, kills, state
 from analysis.separation import evidence, right
 from bayescal.storage.folders import whole
-
-SLOW = """
-import os, time
-def slowly(rename):
-    def renamed(*paths, **more):
-        time.sleep(0.5)
-        return rename(*paths, **more)
-    return renamed
-os.rename, os.replace = slowly(os.rename), slowly(os.replace)
-"""
-"""A start of Python that puts what is written in its place half a second later: a kill comes in time."""
-
-
-def test_killed_commands_leave_nothing_or_a_complete_result(tmp_path, monkeypatch):
-    (tmp_path / "sitecustomize.py").write_text(SLOW)
-    monkeypatch.setattr("analysis.kills.TOP", f"{tmp_path}{os.pathsep}{TOP}")
-    monkeypatch.setattr("analysis.kills.ATTEMPTS", 50)  # a machine that was busy may be quiet now
-    monkeypatch.setattr("analysis.kills.WRITING", 0.002)
-    found = sum(kills(["init"], 2, 1, tmp_path / "kills").values(), Counter())
-    assert found["killed"] == 2
-    assert found["left parts"]
-    assert not found["DAMAGED"]
-    assert found["runs"] == found["nothing"] + found["earlier"] + found["new"]
 
 
 def test_kills_continue_where_they_stopped(tmp_path, monkeypatch):

@@ -57,8 +57,8 @@ def small_plans(quick_search, monkeypatch):
     monkeypatch.setattr("bayescal.planning.plan.candidates", once)
 
 
-LONG = {"first_fit", "first_gap", "first_log", "first_plan", "lost_motion", "plan"}
-LONG |= {"published_arm", "real_arm", "sessions"}
+LONG = {"correct_targets", "correlations", "first_fit", "first_gap", "first_log", "first_plan", "lost_motion"}
+LONG |= {"own_effect", "plan", "published_arm", "real_arm", "sessions"}
 """They take two seconds or more, of what other tests hold: `make notebooks` runs them."""
 
 

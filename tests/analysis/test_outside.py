@@ -3,12 +3,8 @@
 import json
 
 import pytest
-from sessions import plain
 
-from analysis.made_up import CAUSES, LAMBDAS, made
-from analysis.outside import Task, answer, card, diagnosed, main, tasks, truths
-from bayescal.dataset import read_dataset
-from bayescal.effects import EFFECTS
+from analysis.outside import Task, answer, card, diagnosed, tasks, truths
 from bayescal.motion.effects import EFFECTS as OF_MOTIONS
 
 NAMED = {"baseline": ["geometry"], "verdict": "named", "effects": ["step"], "probability": {"step": 0.97}}
@@ -103,22 +99,3 @@ def test_the_card_counts_by_kind_and_detectability():
         ["single", "30-100", "3", "0.67", "0.67", "-", "1"],
         ["single", "100-inf", "1", "1.00", "1.00", "-", "0"],
     ]
-
-
-def test_a_made_up_cause_is_visible_and_in_no_list(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("analysis.outside.read_dataset", lambda folder: plain(read_dataset(folder)))
-    (tmp_path / "truth").mkdir()
-    number = list(CAUSES).index("sagging-flange") * len(LAMBDAS) + 1
-    made(tmp_path, 3, number)
-    true = json.loads((tmp_path / "truth" / f"{number:03d}.json").read_text())
-    assert 0.6 * LAMBDAS[1] < true["lambda"]["value"] < 1.6 * LAMBDAS[1]
-    assert "made-up" not in EFFECTS
-    before = list(EFFECTS)
-    session = tmp_path / f"{number:03d}"
-    assert len(read_dataset(session).measurements.ids) > 300
-    diagnosed(Task(session, tmp_path / "runs" / session.name / "gap.json", "bending"))
-    assert list(EFFECTS) == before
-    main([str(tmp_path), "--out", str(tmp_path / "runs"), "--workers", "1"])
-    assert capsys.readouterr().out.splitlines()[1].split()[:4] == ["outside", "100-inf", "1", "1.00"]
-    record = json.loads((tmp_path / "runs" / session.name / "gap.json").read_text())
-    assert "bending" not in record["probability"]

@@ -1,7 +1,5 @@
 """The study in small: true arms are found as surely as is said, and a false certainty would be seen."""
 
-import json
-from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -10,28 +8,23 @@ from scipy.stats import binom, chi2
 
 from analysis import own_sessions as own
 from analysis.calibration_checks import figures as check_figures
-from analysis.calibration_checks import page as check_page
-from analysis.calibration_checks import run as check_run
 from analysis.calibration_checks.designs import DESIGNS, Design
 from analysis.calibration_checks.session import Joint, independent
 from analysis.calibration_checks.session import run as checked
 from analysis.calibration_checks.truth import MODEL, simulated
-from analysis.planning import page as planning_page
-from analysis.planning import run as planning_run
-from analysis.planning import session as planning_session
-from analysis.study import figures, page, pictures, run, session
+from analysis.study import figures, session
 from bayescal.dataset import Dataset
 from bayescal.estimate import calibrated, linearise
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.simulation import Options, simulate
 
-SEEDS = range(20, 24)
+SEEDS = range(20, 23)
 
 
 @pytest.fixture(scope="module")
 def records() -> list[session.Record]:
-    """Four sessions of 120 contacts."""
+    """Three sessions of 120 contacts."""
     small = {"contacts": 120, "later": 24, "repeats": 4, "placements": 1}
     return [session.run(Options(seed=seed, **small)) for seed in SEEDS]
 
@@ -58,7 +51,7 @@ def sure_of_itself(records: list[session.Record], factor: float) -> list[session
 
 
 def within_bands(found) -> bool:
-    """The bands of this test: 4 sessions of 26 parameters and 6 distances."""
+    """The bands of this test: 3 sessions of 26 parameters and 6 distances."""
     z, held = found["z_scores"], {name: c["inside"] for name, c in found["coverage"].items()}
     return (
         abs(z["mean"]) < 0.25
@@ -85,7 +78,7 @@ def test_false_certainty_is_seen(records, factor):
     assert not 0.8 < wrong["z_scores"]["sd"] < 1.2
     if factor < 1:
         assert min(c["inside"] for c in wrong["coverage"].values()) < 0.85
-        assert wrong["z_scores"]["independent"]["ks_p_value"] < 1e-3
+        assert wrong["z_scores"]["independent"]["ks_p_value"] < 5e-3
 
 
 def test_every_quantity_is_identified(found):
@@ -110,14 +103,6 @@ def test_quantities_sum_what_goes_together():
     np.testing.assert_array_equal(told.matrix @ [1.0, 2.0, 3.0, 4.0], [1.0, 6.0, 3.0])
 
 
-def test_emcee_agrees(records):
-    task = Options(seed=SEEDS[0], contacts=100, later=10, repeats=0, placements=1, sphere_contacts=8)
-    said = session.run(task, with_emcee=True)["emcee"]
-    assert said["converged"]
-    assert said["largest_shift_over_sd"] < 0.1
-    assert 0.9 < said["sd_ratio"][0] < said["sd_ratio"][1] < 1.1
-
-
 def test_bands():
     """A coverage band knows that the trials of a session hang together."""
     rng = np.random.default_rng(1)
@@ -130,24 +115,6 @@ def test_bands():
         width[name] = np.ptp(c["band95"])
         assert np.ptp(c["binomial95_if_independent"]) == pytest.approx(4 * 0.5 / np.sqrt(2000), rel=0.1)
     assert width["together"] == pytest.approx(np.sqrt(10) * width["alone"], rel=0.25)
-
-
-def test_pictures_and_page(records, found, tmp_path, renewed):
-    (tmp_path / "sessions.json").write_text(json.dumps([*records, {"seed": 1, "refused": "out of reach"}]))
-    again = ["--again", "--out", str(tmp_path), "--page"]
-    text = renewed(page, lambda path: run.main([*again, str(path)]), tmp_path)
-    assert "out of reach" not in text
-    assert "[1]" in text
-    assert json.loads((tmp_path / "study.json").read_text())["z_scores"] == found["z_scores"]
-    for name in pictures.NAMES:
-        assert (tmp_path / "pictures" / name).stat().st_size > 20_000
-
-
-def test_tasks_differ():
-    first, second = run.tasks(5, 1, 2), run.tasks(5, 2, 0)
-    seeds = [options.seed for options, _ in (*first, *second)]
-    assert len(set(seeds)) == 10
-    assert [with_emcee for _, with_emcee in first] == [True, True, False, False, False]
 
 
 def test_a_session_that_cannot_be_is_said_to_be_refused():
@@ -284,46 +251,7 @@ def test_intervals_of_one_session_count_together():
         assert c["count"] == 800
 
 
-def record(design, seed):
-    """A record of a right posterior, without a session."""
-    rng = np.random.default_rng(seed)
-    u = lambda count: rng.uniform(size=count).tolist()  # noqa: E731
-    return {
-        "design": design, "seed": seed, "names": ["a", "b"], "plain": u(2), "stated": u(2),
-        "ellipsoid": {"plain": u(1)[0], "stated": u(1)[0]}, "tarp": {"plain": u(8), "stated": u(8)},
-        "independent": rng.standard_normal(2).tolist(), "noise": {"contact": u(1)[0]},
-        "distances": u(3), "diameters": u(3), "contacts": u(5), "workspace": u(4), "workspace_stated": u(4),
-        "sd_ratio": [1.0, 1.1], "families": [], "excess_um": 0.0, "explains": True,
-        "gross": 2, "gross_rejected": 1, "good_rejected": 0,
-    }  # fmt: skip
-
-
-def test_page_and_table(tmp_path, capsys, renewed):
-    name = DESIGNS[0].name
-    lines = [record(name, seed) for seed in range(1, 21)] + [{"design": name, "seed": 21, "refused": "no"}]
-    raw = tmp_path / check_run.RAW
-    raw.write_text("".join(json.dumps(r) + "\n" for r in lines), encoding="utf-8")
-    again = ["--again", "--out", str(tmp_path), "--page"]
-    renewed(check_page, lambda path: check_run.main([*again, str(path)]), tmp_path)
-    assert f"| {name} | {DESIGNS[0].summary} | 20 | 1 to 21 | 1 |" in capsys.readouterr().out
-    table = (tmp_path / "page.csv").read_text(encoding="utf-8").splitlines()
-    assert table[0] == "design,figure,of,level,value,low,high"
-    assert any(line.startswith(f'{name},coverage,"parameters, stated",0.95,') for line in table)
-
-
-def test_sessions_that_are_there_are_not_run_again(tmp_path, monkeypatch):
-    asked = []
-    monkeypatch.setattr(check_run.session, "run", lambda d, s: asked.append((d.name, s)) or record(d.name, s))
-    raw = tmp_path / check_run.RAW
-    check_run.add(raw, DESIGNS[:2], range(1, 3))
-    check_run.add(raw, DESIGNS[:2], range(1, 4))
-    assert asked[4:] == [(d.name, 3) for d in DESIGNS[:2]]
-    assert len(check_run.read(raw)) == 6
-
-
-# --- The study of sessions of our own in small: what they state wrongly, and what counts as a false name.
-
-CASE = "masses +-15 %, 2 kg on half the contacts"
+# --- The study of sessions of our own in small: what they state wrongly.
 
 
 def test_what_is_stated_is_wrong_and_nothing_else():
@@ -335,58 +263,6 @@ def test_what_is_stated_is_wrong_and_nothing_else():
     assert 0.02 < abs(off).max() <= 0.15
     same = own.wrongly_stated(dataset, seed)
     assert all(getattr(same, f.name) is getattr(dataset, f.name) for f in fields(Dataset))
-
-
-def test_false_names_are_counted_and_told(tmp_path, monkeypatch, renewed):
-    def diagnosed(seed):
-        return [{"case": CASE, "seed": seed, "verdict": "named", "named": ["step"] if seed == 110003 else []}]
-
-    monkeypatch.setattr(own, "diagnosed", diagnosed)
-    arguments = ["--seeds", "40", "--workers", "1", "--runs", str(tmp_path / "runs")]
-    text = renewed(own.MARKS, lambda path: own.main([*arguments, "--page", str(path)]))
-    assert f"| {CASE} | 1 of 40, 2 % (0 to 13) | 110003: step | 0 | at most 5 % |" in text
-    assert (tmp_path / "runs" / "records.json").is_file()
-
-
-# --- The study of plans in small: the errors of simulated sessions are as large as the plan expects.
-
-PLANNING_STUDY_SMALL = 300
-
-
-@pytest.fixture(scope="module", autouse=True)
-def little() -> Iterator[None]:
-    """One placement of the spheres."""
-    planning_session.ground.cache_clear()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planning_session, "PLACEMENTS", 1)
-        yield
-    planning_session.ground.cache_clear()
-
-
-def test_measured_errors_are_as_expected():
-    tasks = [(PLANNING_STUDY_SMALL, planning_session.CHOSEN, 80, seed) for seed in range(30, 46)]
-    records = [planning_run.simulated(task) for task in tasks]
-    # errors of one session have one or two degrees of freedom: most of all the length of the arm
-    assert all(0.65 < ratio < 1.5 for ratio in planning_page.ratios(records))
-    wrong = [r | {"u_um": [2.5 * u for u in r["u_um"]]} for r in records]
-    assert not any(0.65 < ratio < 1.5 for ratio in planning_page.ratios(wrong))
-
-
-def test_command(tmp_path, monkeypatch, capsys, renewed):
-    selections = ((planning_session.CHOSEN, 80), (planning_session.RANDOM, 120))
-    monkeypatch.setattr(planning_run, "SIZES", ((60, 120),))
-    monkeypatch.setattr(planning_run, "SELECTIONS", selections)
-    usual = ["--sessions", "2", "--candidates", str(PLANNING_STUDY_SMALL), "--out", str(tmp_path)]
-
-    def update(path):
-        planning_run.main([*usual, "--page", str(path)])
-
-    text, first = renewed(planning_page, update), capsys.readouterr().out
-    assert "| 60 |" in first
-    assert "| 120 random | 1 |" in first
-    assert first.strip() in text
-    assert renewed(planning_page, update) == text  # all is stored
-    assert capsys.readouterr().out == first
 
 
 def test_a_session_of_the_calibration_checks_is_compared_with_its_truth():

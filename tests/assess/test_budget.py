@@ -39,7 +39,7 @@ MODEL = ("geometry", "compliance")
 def session():
     """Noise of contacts and of joint readings, spheres, and an effect that the model lacks."""
     return simulate(
-        Options(effects=MODEL, contacts=140, later=10, repeats=5, spheres=3, placements=2, joint_noise=2e-5,
+        Options(effects=MODEL, contacts=110, later=10, repeats=5, spheres=3, placements=2, joint_noise=2e-5,
                 seed=4)
     ).dataset  # fmt: skip
 

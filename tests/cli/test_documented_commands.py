@@ -19,6 +19,7 @@ from cases import ROOT
 from click.testing import CliRunner
 
 from bayescal.cli import app
+from bayescal.posterior.sample import sample
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINE = re.compile(r"^(?: {4})?(?:\$ )?(bayescal [a-z].*)$", re.MULTILINE)
@@ -205,7 +206,12 @@ def said(tmp_path_factory):
 
     out: dict[str, str] = {"folder": str(tmp_path_factory.mktemp("tutorial"))}
     arguments = sys.argv
-    with contextlib.chdir(out["folder"]):
+
+    def quick(found, count, *more, **own):
+        return sample(found, 100, *more, **own)
+
+    with contextlib.chdir(out["folder"]), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayescal.posterior.sample.sample", quick)
         for command in TUTORIAL_COMMANDS:
             program, *words = shlex.split(command)
             assert program == "bayescal"

@@ -19,12 +19,12 @@ CORNERS = 24
 
 @pytest.fixture(scope="module", params=FIXED)
 def session(request):
-    return camera_session(request.param, images=12, seed=3, placed=False)
+    return camera_session(request.param, images=10, seed=3, placed=False)
 
 
 @pytest.fixture(scope="module")
 def fixed():
-    return camera_session("fixed", images=16, seed=3, placed=False)
+    return camera_session("fixed", images=10, seed=3, placed=False)
 
 
 def said(session) -> BayescalError:
@@ -39,14 +39,14 @@ def with_lens(session, factor):
     return replace(session, targets=(replace(t, values=values),))
 
 
-@pytest.mark.parametrize("factor", [1.5, 0.5])
-def test_a_calibration_of_another_resolution(fixed, factor):
-    problem = said(with_lens(fixed, factor))
-    assert f"the calibration of `cam` is of images {factor:g} times as large as these" in problem.what
-    assert problem.remedy.startswith(f"divide fx_px, fy_px, cx_px and cy_px by {factor:g}")
+def test_a_calibration_of_another_resolution(fixed):
+    problem = said(with_lens(fixed, 0.5))
+    assert "the calibration of `cam` is of images 0.5 times as large as these" in problem.what
+    assert problem.remedy.startswith("divide fx_px, fy_px, cx_px and cy_px by 0.5")
 
 
-def test_readings_of_the_image_before(fixed):
+def test_readings_of_the_image_before():
+    fixed = camera_session("fixed", images=16, seed=3, placed=False)
     readings = fixed.measurements.readings.copy()
     half = 9 * CORNERS
     readings[half:] = np.roll(readings[half:], CORNERS, axis=0)

@@ -20,7 +20,7 @@ CORNERS = 24
 
 @pytest.fixture(scope="module")
 def session():
-    return camera_session(images=10, seed=3, placed=False)
+    return camera_session(images=8, seed=3, placed=False)
 
 
 def refused(session, folder) -> str:
@@ -69,7 +69,7 @@ def test_an_image_that_nothing_explains(session, tmp_path):
 
 def test_an_image_of_another_size():
     lens = {"distortion": np.array([-0.2, 0.05, 0.0, 0.0, 0.0])}
-    plain = camera_session(images=10, seed=3, placed=False)
+    plain = camera_session(images=8, seed=3, placed=False)
     target = replace(plain.targets[0], values=plain.targets[0].values | lens)
     distorted = replace(plain, targets=(target,))
     from bayescal.dataset.cameras import lens_of

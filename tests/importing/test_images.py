@@ -16,6 +16,8 @@ from bayescal.reporting.page.plan import commands
 
 cv2 = pytest.importorskip("cv2")
 PER_MM = 4
+COUNT = 12
+"""Of the images of a session."""
 WIDE, HIGH = 210, 150
 BOARD = "charuco:7x5:30mm:22mm"
 
@@ -39,7 +41,7 @@ def made(tmp_path_factory):
     return rendered(tmp_path_factory.mktemp("images"), drawn(), FIXED)
 
 
-def rendered(place, board, mounts, margin=0.0, images=14):
+def rendered(place, board, mounts, margin=0.0, images=COUNT):
     """Images of a board whose pattern starts `margin` (m) behind its upper left corner."""
     matrix = np.array([[FOCAL[0], 0, CENTRE[0]], [0, FOCAL[1], CENTRE[1]], [0, 0, 1]])
     edge = 0.5e-3 / PER_MM - margin
@@ -62,6 +64,11 @@ def rendered(place, board, mounts, margin=0.0, images=14):
     return place
 
 
+@pytest.fixture(scope="module")
+def converted(made):
+    return convert(asked(made))
+
+
 def asked(place, mount="flange", board=BOARD, **more):
     joints = str(place / f"{mount}.csv")
     given = {"map": "", "robot": "fanuc-lrmate200ic", "joints": joints, "board": board} | more
@@ -76,7 +83,7 @@ def test_images_to_a_session(made, mount, tmp_path):
     assert read.targets[0].texts["mount"] == mount
     assert abs(read.targets[0].values["fx"] / FOCAL[0] - 1) < 0.02
     np.testing.assert_allclose(read.tools[0].centre, ON_FLANGE[:3, 3], atol=0.01)
-    truth = camera_session(mount, images=14, velocity=False, noise=0.0).measurements
+    truth = camera_session(mount, images=COUNT, velocity=False, noise=0.0).measurements
     pixel = {(s, int(k)): (u, v) for s, (u, v, k) in zip(truth.stop, truth.pixel, strict=True)}
     m = read.measurements
     own = np.array([pixel[f"i{int(s[:2])}", int(k)] for s, k in zip(m.stop, m.pixel[:, 2], strict=True)])
@@ -88,7 +95,7 @@ def test_the_command(made, tmp_path, command):
     given = ("--board", BOARD, "--joints", made / "flange.csv", "--robot", "fanuc-lrmate200ic")
     code, text, errors = command("import", made / "flange", *given, "--out", tmp_path / "cell")
     assert code == 0, errors
-    assert "14 images of 14" in text
+    assert f"{COUNT} images of {COUNT}" in text
     assert "mount: flange" in text
 
 
@@ -111,7 +118,7 @@ def test_mirrored_images(made, tmp_path):
     shutil.copy(made / "flange.csv", tmp_path)
     for path in mirrored.iterdir():
         cv2.imwrite(str(path), cv2.imread(str(path))[:, ::-1])
-    with pytest.raises(BayescalError, match="in 0 of 14 images: they are mirrored"):
+    with pytest.raises(BayescalError, match=f"in 0 of {COUNT} images: they are mirrored"):
         convert(asked(tmp_path))
 
 
@@ -126,19 +133,19 @@ def renamed(made, tmp_path, names):
 
 def test_images_at_other_readings_are_not_a_board_of_another_size(made, tmp_path):
     with pytest.raises(BayescalError, match="images of `camera` fit the joint readings of the image"):
-        write(convert(renamed(made, tmp_path, [13, *range(13)])), tmp_path / "cell")
+        write(convert(renamed(made, tmp_path, [COUNT - 1, *range(COUNT - 1)])), tmp_path / "cell")
 
 
 def test_an_image_at_other_readings_is_told_with_its_line(made, tmp_path):
-    request = renamed(made, tmp_path, [0, 1, 2, 4, 3, *range(5, 14)])
+    request = renamed(made, tmp_path, [0, 1, 2, 4, 3, *range(5, COUNT)])
     with pytest.raises(BayescalError, match=r"^flange.csv:[56]: impossible image"):
         write(convert(request), tmp_path / "cell")
 
 
-def test_images_without_readings_are_named(made, tmp_path):
+def test_images_without_readings_are_named(made, converted, tmp_path):
     shutil.copytree(made / "flange", tmp_path / "flange")
     shutil.copy(made / "flange.csv", tmp_path)
-    assert not any("without joint readings" in note for note in convert(asked(tmp_path)).notes)
+    assert not any("without joint readings" in note for note in converted.notes)
     shutil.copy(tmp_path / "flange" / "00.png", tmp_path / "flange" / "more.png")
     assert "without joint readings, not used: more.png" in convert(asked(tmp_path)).notes
 
@@ -159,16 +166,16 @@ def test_refused_options(made, tmp_path, options, words):
 
 
 def test_images_that_validate(made):
-    m = convert(asked(made, validate="every:7")).dataset.measurements
-    assert set(m.stop[m.role == "validate"]) == {"06.png", "13.png"}
+    m = convert(asked(made, validate="every:5")).dataset.measurements
+    assert set(m.stop[m.role == "validate"]) == {"04.png", "09.png"}
 
 
 def test_of_two_tags_none_is_taken(made, tmp_path):
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     (folder := tmp_path / "flange").mkdir()
     shutil.copy(made / "flange.csv", tmp_path)
-    for k in range(14):
-        image, number = np.full((720, 1280), 255, np.uint8), int(k == 11)
+    for k in range(COUNT):
+        image, number = np.full((720, 1280), 255, np.uint8), int(k == 7)
         image[200:400, 300:500] = cv2.aruco.generateImageMarker(family, number, 200)
         cv2.imwrite(str(folder / f"{k:02d}.png"), image)
     with pytest.raises(BayescalError, match="tags 0, 1 are seen"):
@@ -185,25 +192,24 @@ def test_a_checkerboard_is_numbered_from_one_end_in_all_images(tmp_path):
         one, other = (pixel[f"i{int(s[:2])}", n] for n in (int(k), 23 - int(k)))
         ends.append(np.linalg.norm(np.subtract(uv, one)) < np.linalg.norm(np.subtract(uv, other)))
     assert len(set(ends)) == 1
-    write(draft, tmp_path / "cell")
     # OpenCV numbers some images from the other end
     words = next(note for note in draft.notes if "from the other end" in note)
     assert ".png" in words
 
 
-def test_images_are_named_by_the_ids_of_a_plan(made, tmp_path):
+def test_images_are_named_by_the_ids_of_a_plan(made, converted, tmp_path):
     plan = tmp_path / "plan.csv"
     rows = [line.split(",") for line in (made / "flange.csv").read_text().splitlines()]
     head = ["id", "role", *rows[0][1:], "payload_kg", "repeat"]
     lines = [head, *([row[0].removesuffix(".png"), "calibrate", *row[1:], "0", ""] for row in rows[1:])]
     plan.write_text("\n".join(map(",".join, lines)) + "\n")
-    one, other = convert(asked(made)), convert(asked(made, joints=str(plan)))
+    one, other = converted, convert(asked(made, joints=str(plan)))
     np.testing.assert_array_equal(one.dataset.measurements.pixel, other.dataset.measurements.pixel)
     np.testing.assert_array_equal(one.dataset.measurements.readings, other.dataset.measurements.readings)
 
 
 def test_the_command_of_a_plan_imports_its_images(made, tmp_path, command):
-    plan, template = tmp_path / "run" / "plan.csv", camera_session("flange", images=14, velocity=False)
+    plan, template = tmp_path / "run" / "plan.csv", camera_session("flange", images=COUNT, velocity=False)
     write_dataset(template, tmp_path / "run")
     rows = [line.split(",") for line in (made / "flange.csv").read_text().splitlines()]
     ids = [["id", *rows[0][1:]], *([row[0].removesuffix(".png"), *row[1:]] for row in rows[1:])]
@@ -212,6 +218,6 @@ def test_the_command_of_a_plan_imports_its_images(made, tmp_path, command):
     given = {"IMAGES": str(made / "flange"), "SESSION": str(tmp_path / "new")}
     code, _, errors = command(*(given.get(word, word) for word in words[1:]))
     assert code == 0, errors
-    assert len(set(read_dataset(tmp_path / "new").measurements.stop)) == 14
+    assert len(set(read_dataset(tmp_path / "new").measurements.stop)) == COUNT
     log = commands(tmp_path / "run", (Target("a", "plane", {}), *template.targets))
     assert list(log) == ["import", "fit", "gap"]

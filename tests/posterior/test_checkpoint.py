@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import estimate
-from bayescal.model import build
+from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import checkpoint as module
 from bayescal.posterior import sample as sampling
@@ -25,7 +25,9 @@ OPTIONS = {"effective": 60, "seed": 3, "max_steps": 8}
 @pytest.fixture(scope="module")
 def fitted(tracker):
     """Of few parameters: the size of an ensemble, and so its cost, grows with their square."""
-    return estimate(build(Scene(tracker(seed=5, count=12).dataset), ("joint",)))
+    scene = Scene(tracker(seed=5, count=12).dataset)
+    some = build(scene, ("joint",)).parameters[:4]
+    return estimate(with_parameters(scene, ("joint",), some))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import yaml
 
 ROBOT = {
@@ -121,5 +120,7 @@ def made(
 def written(log: Made, folder: Path, **settings: Mapping) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.yaml").write_text(yaml.safe_dump(log.settings | settings, sort_keys=False))
-    pd.DataFrame(log.columns).to_csv(folder / "motion.csv", index=False, float_format="%.9g")
+    row = ",".join(["%.9g"] * len(log.columns)) + "\n"
+    lines = map(row.__mod__, zip(*(x.tolist() for x in log.columns.values()), strict=True))
+    (folder / "motion.csv").write_text(",".join(log.columns) + "\n" + "".join(lines))
     return folder

@@ -75,7 +75,6 @@ WRONG = {
     "": lambda one, two: (np.roll(one, 125), np.roll(two, 125)),  # late by a second, which a fit finds
     "positions move 57 times as far as commands (J1)": lambda one, two: (np.radians(one), two),
     "positions move against commands (J2)": lambda one, two: (one, -two),
-    "positions do not follow commands (J2)": lambda one, two: (one, 0.0 * two),
     "positions follow the command of another joint (J1 that of J2, J2 that of J1)": lambda *both: both[::-1],
     "positions do not follow commands (J1)": lambda one, two: (np.sort(one), two),
 }

@@ -7,6 +7,7 @@ from itertools import count, cycle
 
 import pytest
 from rich.console import Console
+from sessions import plain
 from typer.testing import CliRunner
 
 import bayescal as bc
@@ -70,7 +71,7 @@ def run(*arguments: str) -> str:
 @pytest.fixture(scope="module")
 def session(cube, tmp_path_factory):
     folder = tmp_path_factory.mktemp("[b]hostile") / "session"
-    write_dataset(hostile(cube(seed=9, count=80).dataset), folder)
+    write_dataset(hostile(plain(cube(seed=9, count=80).dataset)), folder)
     return folder
 
 
@@ -99,7 +100,7 @@ def test_no_name_is_an_element_of_any_page(session, tmp_path, quick_search):
     """Of a fit, a diagnosis, both side by side and a plan: pages, and what a notebook shows of them."""
     results = {
         "report.html": bc.fit(session, samples=0),
-        "gap.html": bc.diagnose(session),
+        "gap.html": bc.diagnose(session, "geometry"),
         "plan.html": bc.plan(session, contacts=60, purpose="distances", candidates=130, order="random"),
     }
     for name, result in results.items():

@@ -44,12 +44,14 @@ def found(cube):
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    session = bc.simulate(
-        effects="geometry", contacts=60, later=8, repeats=5, spheres=2, placements=1, seed=1
-    )
     folder = tmp_path_factory.mktemp("runs") / "fit"
-    names = bc.fit(session, "geometry", samples=0).save(folder)
-    return folder, names
+    return folder, bc.fit(simulated(1), "geometry", samples=0).save(folder)
+
+
+def simulated(seed):
+    """A session of an arm."""
+    options = {"contacts": 60, "later": 8, "repeats": 5, "spheres": 2, "placements": 1, "arm_seed": 1}
+    return bc.simulate(effects="geometry", seed=seed, **options)
 
 
 def record_of(found, kind: str) -> dict:
@@ -378,13 +380,11 @@ def test_lengths_of_errors_have_an_axis_from_zero_with_room_for_its_ticks(found)
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(saved, tmp_path_factory):
     """Two fits, of two sessions of one arm."""
     folder = tmp_path_factory.mktemp("runs")
-    options = {"contacts": 60, "later": 8, "repeats": 5, "spheres": 2, "placements": 1, "arm_seed": 1}
-    for seed in (1, 2):
-        session = bc.simulate(effects="geometry", seed=seed, **options)
-        bc.fit(session, "geometry", samples=0).save(folder / f"run{seed}", pictures=False)
+    shutil.copytree(saved[0], folder / "run1")
+    bc.fit(simulated(2), "geometry", samples=0).save(folder / "run2", pictures=False)
     return folder
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -25,7 +26,7 @@ from analysis.blind.run import Task, answered, run
 from bayescal.errors import BayescalError
 
 WORLDS, SEED = 2, 2444
-"""Both sessions are of points of a tracker, with some 155 rows."""
+"""Both sessions are of points of a tracker, with some 155 rows, of which few are kept."""
 WATCH = """
 import os, sys
 def told(event, args):
@@ -50,7 +51,19 @@ def command(*words: object) -> str:
 def made(tmp_path_factory) -> tuple[Path, str]:
     """Two worlds, and what the command said."""
     folder = tmp_path_factory.mktemp("made") / "blind"
-    return folder, command("make", "--worlds", WORLDS, "--seed", SEED, "--workers", 2, "--out", folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.blind.make.results", few)
+        return folder, command("make", "--worlds", WORLDS, "--seed", SEED, "--out", folder)
+
+
+def few(work, tasks, workers, dask):
+    """Sessions of a part of the rows and columns, simulated one by one."""
+    for k, every in enumerate((3, 2)):
+        files, true = work(next(tasks))
+        head, *rows = csv.reader(files["measurements.csv"].splitlines())
+        kept = [n for n, key in enumerate(head) if not re.match("time_s|temp|j._degps|repeat", key)]
+        lines = [",".join(row[n] for n in kept) for row in (head, *rows[::every])]
+        yield k, (files | {"measurements.csv": "\n".join(lines) + "\n"}, true)
 
 
 @pytest.fixture(scope="module")
@@ -251,7 +264,7 @@ def test_a_round_appends_measured_rows_and_nothing_else(folder, monkeypatch) -> 
     monkeypatch.setattr(rounds, "read", watched)
     monkeypatch.setattr(rounds, "results", one_by_one)
     monkeypatch.setattr(rounds, "run", run)
-    monkeypatch.setattr(further, "POOL", 250)
+    monkeypatch.setattr(further, "POOL", 130)
     second_round(folder)
     assert asked == list(ARMS)
     assert TRUTH in opened

@@ -22,7 +22,7 @@ from bayescal.predict.targets import check_located, leaving_out
 from bayescal.preparing.check import check
 
 SEED = 0
-CASES = 24
+CASES = 10
 
 
 def written(files, folder):

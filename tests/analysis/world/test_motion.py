@@ -82,16 +82,6 @@ def test_inertia_about_the_origin_is_that_of_points():
     np.testing.assert_allclose(found, [mass, *(mass * centre), *wanted], rtol=1e-12)
 
 
-def test_a_true_inertia_is_of_a_body():
-    rng = np.random.default_rng(2)
-    for _ in range(20):
-        arm = arms.true(rng, arms.nominal(rng, "ur-like"))
-        about = np.linalg.eigvalsh(arm.inertia)
-        assert np.all(about[:, 0] > 0)
-        assert np.all(about[:, 2] <= about[:, 0] + about[:, 1])
-        assert np.all(arm.mass > 0)
-
-
 def test_whitened_noise_is_white_and_of_variance_one():
     rng = np.random.default_rng(3)
     made = noise.Noise(np.array([3.0]), np.array([0.4]), np.array([0.02]), np.array([0.5]))
@@ -208,36 +198,6 @@ def test_a_cause_outside_the_list_is_not_absorbed(cause):
     assert all(SITE.fullmatch(w["site"]) for w in act.where)
 
 
-def test_sets_have_their_causes_and_kinds():
-    names = {cause.__name__ for cause in mix.OUTSIDE}
-    further = {cause.__name__ for cause in mix.FURTHER}
-    assert len(names) >= 14
-    assert len(further) >= 6
-    assert not names & further
-    recipes = [mix.recipe(1, k) for k in range(48)]
-    shares = [sum(r.kind == kind for r in recipes) for kind in mix.KINDS]
-    assert shares == [12, 18, 6, 12]
-    assert {n for r in recipes if r.kind == "single" for n in r.names} == set(mix.LISTED)
-    drawn = [mix.recipe(2, k, held_out=True) for k in range(48)]
-    held_out = {name for r in drawn if r.kind == "outside" for name in r.names}
-    assert {name.replace("_", "-") for name in further} <= held_out
-    third = {cause.__name__ for cause in mix.THIRD}
-    assert len(third) == 9
-    assert not third & (names | further | {name.replace("-", "_") for name in mix.LISTED})
-
-
-@pytest.mark.parametrize("share", [0.0, 0.25, 0.33, 0.35, 0.9])
-def test_causes_of_the_third_set_are_drawn_in_their_share(share):
-    block = mix.block_of(mix.KINDS, share)
-    assert block.count("outside") / len(block) == pytest.approx(share, abs=0.01)
-    drawn = [mix.recipe(2, k, held_out=True, causes="third", outside=share) for k in range(120)]
-    outside = [r for r in drawn if r.kind == "outside"]
-    assert len(outside) / 120 == pytest.approx(share, abs=0.03)
-    third = {cause.__name__.replace("_", "-") for cause in mix.THIRD}
-    assert {name for r in outside for name in r.names} == (third if share else set())
-    assert {r.kind for r in drawn} >= {"null", "single", "pair"}
-
-
 def test_the_moment_about_an_axis_is_the_torque_of_its_joint():
     log = short(motions=5).log
     base, *joints = outside_third.moments(log)
@@ -245,13 +205,6 @@ def test_the_moment_about_an_axis_is_the_torque_of_its_joint():
     np.testing.assert_allclose(base[:, 2], log.rigid[:, 0], atol=1e-9)  # joint 1 is above the base
     signs = outside_third.held(np.array([3.0, 1, -1, -2, 1, 2]), 1.5)
     np.testing.assert_array_equal(signs, [1, 1, 1, -1, -1, 1])
-
-
-def test_a_log_has_what_its_cause_of_the_third_set_needs():
-    third = {cause.__name__.replace("_", "-") for cause in mix.THIRD}
-    assert set(outside_third.NEEDS) <= third
-    for name, needs in outside_third.NEEDS.items():
-        assert set(mix.wishes(np.random.default_rng(0), [name])) == set(needs)
 
 
 @pytest.mark.parametrize(
@@ -306,26 +259,3 @@ def test_a_servo_is_off_by_its_torque_over_its_stiffness():
     torque = log.at(np.full(len(log.torque), -2e-3)) - log.torque
     rest = (late.track - torque / log.stiffness)[log.session.runs[0]]
     np.testing.assert_allclose(rest[:, :n], asked - moved, atol=1e-7)
-
-
-def test_the_command_writes_logs_and_their_truth(tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    from analysis.world.motion import __main__ as command
-
-    monkeypatch.setattr("analysis.world.motion.build.make", lambda *a, **k: short("null", 0))
-    app = command.typer.Typer()
-    app.command()(command.main)
-    done = CliRunner().invoke(app, [str(tmp_path / "set"), "--logs", "2", "--seed", "3"])
-    assert done.exit_code == 0, done.output
-    files = {str(p.relative_to(tmp_path / "set")) for p in (tmp_path / "set").rglob("*") if p.is_file()}
-    logs = {f"{k:03d}/{name}" for k in range(2) for name in ("dataset.yaml", "motion.csv.gz")}
-    assert files == logs | {"truth/000.json", "truth/001.json"}
-    wrong = CliRunner().invoke(app, [str(tmp_path / "set"), "--kinds", "nul"])
-    assert wrong.exit_code == 2
-    assert "nul" in wrong.output
-    for words in (("--causes", "fourth"), ("--kinds", "outside", "--outside", "0")):
-        refused = CliRunner().invoke(app, [str(tmp_path / "other"), *words])
-        assert refused.exit_code == 2
-        assert words[-2] in refused.output
-    assert not (tmp_path / "other").exists()

@@ -25,7 +25,7 @@ from analysis.world import (  # fmt: skip
 from analysis.world import build as world
 from analysis.world.build import make
 from analysis.world.further import Wanted, further
-from analysis.world.mix import FORMS, NAMED, ON_SURFACE, recipe, stage, wishes
+from analysis.world.mix import FORMS, NAMED, ON_SURFACE, recipe, stage
 from analysis.world.outside import OUTSIDE
 from analysis.world.outside_more import MORE, RESERVED
 from analysis.world.scene import NAMES
@@ -230,21 +230,6 @@ def test_what_needs_a_surface_is_never_measured_with_a_tracker():
     assert "tracker" not in {stage(SEED, k, 3, makers) for k, makers in drawn}
     others = [(stage(SEED, k, 3, makers), what) for (k, makers), (what, _) in zip(drawn, where, strict=True)]
     assert all(before == now for before, now in others if now != "tracker"), "otherwise as generator 3"
-
-
-def test_backlash_is_drawn_where_directions_of_motion_are_stated():
-    rng = np.random.default_rng(0)
-    assert wishes(rng, [joints.backlash], "tracker")["velocity"]
-    assert wishes(rng, [forms_joints.backlash], "tracker")["velocity"]
-    assert "velocity" not in wishes(rng, [joints.backlash], "cube")
-
-
-def test_some_sessions_state_velocities_and_some_do_not():
-    stated = []
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        stated.append(session.plan(rng, scene.draw(rng), {}, session.TRACKER).says_velocity)
-    assert set(stated) == {True, False}
 
 
 @pytest.mark.parametrize("stated", [True, False])

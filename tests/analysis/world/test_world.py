@@ -16,8 +16,7 @@ from analysis.blind.make import CONTACTS
 from analysis.blind.make import GENERATORS as VERSIONS
 from analysis.world import arm, scene, session, visible
 from analysis.world import build as world
-from analysis.world.mix import FORMS, GENERATORS, MIX, NAMED, ON_CUBE, recipe, stage
-from analysis.world.outside import OUTSIDE
+from analysis.world.mix import FORMS, MIX, recipe, stage
 from analysis.world.outside_more import MORE, RESERVED
 from analysis.world.touch import World
 from analysis.world.write import plain
@@ -94,19 +93,6 @@ def test_null_world_fits_to_the_noise(made):
     assert off.max() < 4 * truth["noise_um"]
 
 
-def test_worlds_differ():
-    kinds = [recipe(SEED, k)[0] for k in range(2 * len(MIX))]
-    assert sorted(kinds) == sorted(2 * MIX)
-    named = [m for k in range(100) for m in recipe(SEED, k, 1)[1] if recipe(SEED, k, 1)[0] == "single"]
-    assert len(set(named)) == 18, "every effect in its turn"
-    assert recipe(SEED, 3) == recipe(SEED, 3)
-
-
-def test_no_command_needs_pinocchio():
-    program = "import sys; sys.modules['pinocchio'] = None; import bayescal.cli, analysis.world, bayescal.gap"
-    subprocess.run([sys.executable, "-c", program], check=True)
-
-
 def test_it_shares_nothing_with_the_model():
     """Its modules, imported afresh, bring none of the model's along."""
     modules = [f"analysis.world.{m.name}" for m in pkgutil.iter_modules(analysis.world.__path__)]
@@ -127,13 +113,6 @@ def test_a_seed_of_the_first_generator_keeps_its_meaning():
     assert truth["noise_um"] == pytest.approx(OLD["noise_um"], rel=1e-9)
     assert truth["lambda"]["value"] == pytest.approx(OLD["lambda"], rel=1e-6)
     assert hashlib.sha256(texts["dataset.yaml"].encode()).hexdigest()[:16] == OLD["dataset"]
-
-
-def test_every_effect_has_a_second_form_and_is_drawn_in_it():
-    assert set(FORMS) == set(NAMED)
-    drawn = {m for k in range(400) for m in recipe(SEED, k)[1]}
-    assert drawn >= {m for forms in FORMS.values() for m in forms} | set(NAMED)
-    assert {m for k in range(400) for m in recipe(SEED, k, 1)[1]} == {*NAMED, *OUTSIDE}
 
 
 def test_reserved_causes_are_drawn_on_request_alone():
@@ -181,14 +160,6 @@ def test_a_mass_hung_elsewhere_is_a_mass_there(bench):
     assert np.abs(direct - at_tool).max() > 0.5
 
 
-def test_effects_of_the_cube_are_never_on_spheres_alone():
-    drawn = [(k, recipe(SEED, k, reserved=True)[1]) for k in range(300)]
-    where = [(stage(SEED, k, 3, makers), makers) for k, makers in drawn]
-    assert 30 < sum(what == "spheres" for what, _ in where) < 90
-    assert not any(ON_CUBE & set(makers) for what, makers in where if what == "spheres")
-    assert {stage(SEED, k, 2, makers) for k, makers in drawn} == {"cube"}
-
-
 def test_what_a_fit_on_spheres_absorbs_is_not_visible():
     """A shift of a free centre is absorbed; a certified distance that changes is not."""
     rng = np.random.default_rng(3)
@@ -201,10 +172,6 @@ def test_what_a_fit_on_spheres_absorbs_is_not_visible():
     one = (plan.target == plan.calibrating[0])[:, None] * model.normal
     along = things.ball[plan.calibrating[0] - 4] - things.ball[plan.calibrating[1] - 4]
     assert np.linalg.norm(model.left(one @ along / np.linalg.norm(along) * 1e-4, 8e-6)) > 10
-
-
-def test_new_sessions_are_of_the_latest_generator():
-    assert GENERATORS[-1] == VERSIONS[CONTACTS]
 
 
 def test_a_cause_with_steep_steps_is_touched_too():
