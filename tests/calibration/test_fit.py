@@ -379,7 +379,7 @@ def test_a_parameter_of_two_effects_is_in_the_model_once(split, effects, whole):
 
 def test_gap_takes_the_first_level(cube):
     """Joint offsets leave the errors of the geometry; the level itself is no cause to name."""
-    session = plain(validating(cube(seed=11, count=80).dataset, 4))
+    session = plain(validating(cube(seed=11, count=60).dataset, 4))
     found = diagnose(session, ("joint", "compliance"))
     assert found.baseline == ("joint", "compliance")
     assert "encoder-scale" not in {*found.verdict.probability, *found.verdict.missing}

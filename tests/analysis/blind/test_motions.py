@@ -103,11 +103,6 @@ def test_the_truth_of_logs_is_sealed(folder):
         opened(folder)
 
 
-def test_a_folder_stays_of_its_kind(folder):
-    with pytest.raises(BayescalError, match="was started with kind motions"):
-        make(folder, 16, 5)
-
-
 def test_a_diagnosis_sees_nothing_but_its_log(folder, monkeypatch):
     seen = {}
 
@@ -180,9 +175,3 @@ def test_the_score_is_printed_and_written(folder, tmp_path):
     assert text.startswith("# Logs")
     assert text.endswith("end\n")
     assert re.findall(r"^\| (\d{3}) \|", text, re.M) == wrong
-
-
-def test_logs_have_no_second_round(folder):
-    done = CliRunner().invoke(app, ["run", str(folder), "--rounds", "2"])
-    assert done.exit_code != 0
-    assert "have a second round" in str(done.exception)

@@ -105,35 +105,6 @@ def test_an_effect_that_cannot_be_seen_is_counted_apart():
     assert [(found[k]["hits"], found[k]["count"]) for k in ("right", "right_seen")] == [(1, 4), (1, 3)]
 
 
-MISSES = {
-    "crashed": (truth(), None),
-    "false alarm: effect named": (null(), answer()),
-    "outside: named as an effect": (strange(), answer()),
-    "a confusable effect was named": (truth(), answer(named=("thermal-drift",))),
-    "additional false name": (truth(), answer(named=("step", "lobing"))),
-    "false name": (truth(), answer(named=("lobing",))),
-    "second effect missed": (pair(), answer()),
-    "correct, but ambiguous": (truth(), answer(verdict="ambiguous")),
-    "flagged as unmodelled": (truth(), silent("unknown")),
-    "too weak": (truth(strength=7.0), silent()),
-    "not detected": (truth(), silent()),
-    "correct name, wrong location": (truth(place={"site": "base", "driver": "time"}), answer()),
-}
-DETAILS = {
-    "crashed": "no answer",
-    "a confusable effect was named": "same joint: thermal-drift for step",
-    "too weak": "lambda 7",
-    "correct name, wrong location": "step at joint 4, angle 4, acts at base, time",
-}
-
-
-@pytest.mark.parametrize("title", MISSES)
-def test_reason_of_a_miss(title):
-    r = one(*MISSES[title])
-    assert r["reason"] == title
-    assert DETAILS.get(title, "") in r["detail"]
-
-
 def calibrated(count, rng, honest=1.0):
     """Worlds whose truths are drawn from the probabilities that are stated; less honest ones sharpen them."""
     out = []
@@ -232,13 +203,6 @@ def test_shrinkage_is_of_the_excess_and_beside_what_was_predicted():
     assert (said["count"], said["near"]) == (2, 0.5)
     assert said["median"] == pytest.approx(np.sqrt(1.0 * 3.0))
     assert found["predicted"]["planes"]["count"] == 0
-
-
-def test_distances_without_a_refit_stay_as_measured():
-    measured = [{"what": "validation contacts", "rms_um": 9.0}, {"what": "sphere distances", "rms_um": 14.0}]
-    r = one(null(), silent(measured=measured))
-    assert (r["distance_um"]["before"], r["distance_um"]["after"]) == (14.0, 14.0)
-    assert one(null(), silent())["distance_um"] is None
 
 
 def test_floor_of_planes_has_the_true_noise():
