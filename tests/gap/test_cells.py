@@ -569,6 +569,12 @@ def test_what_goes_to_and_fro_is_near_a_wave_of_any_rhythm(bench, of, site, fram
     assert min(shares) < 0.55
 
 
+def test_a_defect_at_one_place_of_a_joint_has_a_cell(bench, of):
+    x = bench.circumstances.q[:, 2]
+    bump = np.exp(-0.5 * ((x - np.quantile(x, 0.4)) / 0.07) ** 2)
+    assert left_by(of[joint(3), Driver("angle", 3, form="one place")], "rz", bump) < 0.3
+
+
 def test_an_error_that_jumps_at_an_angle_has_a_cell(bench, of):
     x = bench.circumstances.readings[:, 3]
     for angle in np.quantile(x[bench.circumstances.fitted], [0.2, 0.45, 0.73]):
