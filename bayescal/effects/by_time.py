@@ -170,6 +170,7 @@ THERMAL_DRIFT = Effect(
         "and sunlight away, measure reference points at intervals, and record the temperature."
     ),
     confusable_with=("step",),
+    shown_by="temperature",
     forms=tuple(
         Form(
             f"paused-{begin}-{length}-{constant}",

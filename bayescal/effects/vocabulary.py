@@ -33,9 +33,8 @@ UNITS = {
 
 def unit_label(unit: str) -> str:
     """A unit of the files in print: µ for u, nothing for a pure number."""
-    if unit == "1":
-        return ""
-    return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
+    text = "" if unit == "1" else unit
+    return ("µ" + text[1:] if text.startswith(("um", "urad")) else text).replace("^2", "²")
 
 
 @dataclass(frozen=True)
@@ -102,10 +101,9 @@ class Circumstances:
     """All quantities that a driver may depend on, one value per row of the session (N rows).
 
     `tied_base`: a target's position in F0 is stated. `tied_tool`: a tool's centre is stated. Only then are
-    the base, and theta and d of the last row, distinguishable from the targets and the tool. `loads` are the
-    gravity moments of `statics.gravity_loads`, None if the robot has no masses. `approach` is the unit
-    direction, in the flange frame at nominal geometry, in which the ball meets the surface (its inward
-    normal), and `speed` its speed in that direction; nan if the target is no surface.
+    the base, and theta and d of the last row, distinguishable from the targets and the tool. `loads` are
+    those of `statics.gravity_loads`, None if the robot has no masses. `approach` is the inward normal of the
+    surface, in the flange frame at nominal geometry, and `speed` that along it; nan if there is no surface.
     """
 
     robot: Robot
@@ -298,6 +296,8 @@ class Effect:
         What to inspect on the machine and how to correct it, in a few sentences; "" if not known.
     confusable_with : tuple of str
         Effects with a similar form.
+    shown_by : str
+        Kind of quantity without which, at one site, causes that are not known have the same form.
     requires : tuple of str
         Effects that must be in the model before a diagnosis can name this one: it acts through them.
     part_of : tuple of str
@@ -336,6 +336,7 @@ class Effect:
     phrase: tuple[str, str] = ("the arm", "has an error")
     remedy: str = ""
     confusable_with: tuple[str, ...] = ()
+    shown_by: str = ""
     requires: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
     sizes: Mapping[str, Size] = field(default_factory=dict)
@@ -386,8 +387,7 @@ class Effect:
     def words(self, setting: Setting) -> str:
         """A setting or a form as text for a report; "" for the usual form."""
         if isinstance(setting, str):
-            form = self.form(setting)
-            return "" if form is None else form.words
+            return form.words if (form := self.form(setting)) else ""
         if setting is None or self.scan is None:
             return ""
         if isinstance(setting, tuple):

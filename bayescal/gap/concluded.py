@@ -21,7 +21,7 @@ from bayescal.gap.outcome.where import neighbours
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name
-from bayescal.gap.search.verdict import Decision, Weighed
+from bayescal.gap.search.verdict import Decision, Weighed, instead
 from bayescal.gap.settings import VERDICT
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
@@ -95,19 +95,19 @@ def events_of(e: Examined) -> Mapping[str, tuple[Event, ...]]:
 
 def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:
     """The leading effect, those that may be in its place, and an unmodelled one."""
-    best = d.weighed[0]
-    series = () if best.related else best.hypothesis.series
-    leader = best.related.member if best.related else (*series, *best.hypothesis.members)[0]
-    instead = {leader.effect} | {n for w in d.weighed if leader.effect not in w.effects for n in w.names}
-    instead -= {m.effect for m in best.hypothesis.members if m is not leader}
-    instead |= {m.effect for m in series}
-    likely = sorted(instead, key=lambda n: (-probability[n], n))
+    best, related = d.weighed[0], instead(d.weighed)
+    series = () if related else best.hypothesis.series
+    leader = related.member if related else (*series, *best.hypothesis.members)[0]
+    rivals = {leader.effect} | {n for w in d.weighed if leader.effect not in w.effects for n in w.names}
+    rivals -= {m.effect for m in best.hypothesis.members if m is not leader}
+    rivals |= {m.effect for m in series}
+    likely = sorted(rivals, key=lambda n: (-probability[n], n))
     members = {n: probability[n] for n in likely if n == leader.effect or probability[n] >= VERDICT.fewest}
     sites = tuple(dict.fromkeys(site for site, _ in leader.variant.places))
     drivers = dict.fromkeys(driver.course for _, driver in leader.variant.places)
     if len(drivers) > VERDICT.advised:  # one of every joint
         drivers = dict.fromkeys(replace(driver, joint=0) for driver in drivers)
-    further = () if best.related is None else (best.related.driver,)
+    further = () if related is None else (related.driver,)
     return CauseClass(
         (ARM,) if ARM in sites else sites,
         (*drivers, *(driver for driver in further if driver not in drivers)),

@@ -225,6 +225,8 @@ class VerdictSettings:
     """Odds that a name must have over any other effect (convention)."""
     fewest: float = 0.05
     """Smallest probability of a member of a class (convention)."""
+    same_form: float = 0.5
+    """Odds of unknown causes against a name whose form they have (a third of all by other authors)."""
     credible: float = 0.9
     """Probability of the credible set (convention)."""
     certain: float = 0.99

@@ -150,11 +150,27 @@ def test_drift_of_one_joint_is_that_of_the_joint_and_of_all_that_of_the_arm(benc
         decision = bench.decided(bench.made_up(31, there))[0]
         (member,) = decision.members
         assert (member.effect, member.variant.site) == ("thermal-drift", of)
+        # of one joint anything slow may do that; of all lengths it is heat
+        assert decision.kind == ("class" if of else "named")
+        assert (decision.probability["thermal-drift"] > 0.9) == (not of)
+        assert (decision.probability["unknown"] > 0.25) == bool(of)
     common, *parts = (w for w in bench.places(decision) if w.explained_by)
     assert str(common.site) == "arm"
     assert common.log_evidence > max(
         w.log_evidence for w in parts
     )  # of all sites, not of the growth of lengths alone
+
+
+def test_drift_of_one_joint_by_its_temperature_is_thermal(cube):
+    """A temperature that falls and rises: no other slow cause follows it."""
+    dataset = cube(seed=7, count=180).dataset
+    swing = 20.0 + 3.0 * np.cos(np.linspace(0.0, 7.0, len(dataset.measurements.ids)))
+    bench = Bench.of(with_columns(dataset, temperature=swing))
+    usual = next(v for v in bench.known.variants["thermal-drift"] if (v.site, v.setting) == ("joint 4", None))
+    there = bench.visible(bench.problem.pool[:, usual.columns], STRONG, 3)
+    decision = bench.decided(bench.made_up(31, there))[0]
+    assert decision.kind == "named"
+    assert decision.probability["thermal-drift"] > 0.9
 
 
 def test_what_comes_after_a_first_name_is_less_likely(bench):

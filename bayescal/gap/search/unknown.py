@@ -228,11 +228,15 @@ def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Related:
-    """A member of a hypothesis replaced by an error at its site that also varies with another quantity."""
+    """A member of a hypothesis replaced by an error at its site that also varies with another quantity.
+
+    Or by one that has its form, of a cause that is not known.
+    """
 
     member: Member
     driver: Driver  # the quantity that explains most
     gain: float  # nats over the hypothesis, averaged over all quantities, with the prior odds
+    alike: bool = False  # it has the form of the member
 
 
 def relatives(

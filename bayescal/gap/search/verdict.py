@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.effects import confusable
-from bayescal.effects.location import Site
+from bayescal.effects import EFFECTS, confusable
+from bayescal.effects.location import ARM, Site
 from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
+from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.makers import Argument, Cell
 from bayescal.gap.search.unknown import CellFit, Pool, Related, relatives, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
@@ -124,6 +125,7 @@ def weigh(
         every = relatives(h, tested, null.log_evidence, given, _without(search, h)) if tested else ()
         nats = h.log_evidence - null.log_evidence
         out += [Weighed(h, None, nats + r.gain, h.score + r.gain, related=r) for r in every]
+        out += [Weighed(h, None, nats + r.gain, h.score + r.gain, related=r) for r in _alike(search, h)]
         gain, small, cells = unknown(h, pool, null.log_evidence)
         alone = cells if h is null else alone
         if not np.isfinite(gain):
@@ -152,6 +154,32 @@ def _without(search: Search, h: Hypothesis) -> Callable[[Member], Hypothesis]:
         return hypothesis or search.hypothesis(others, (None, h.state.weight))
 
     return without
+
+
+def _alike(search: Search, h: Hypothesis) -> Iterator[Related]:
+    """Causes that are not known in place of members that have their form; see `Effect.shown_by`.
+
+    Their evidence is that of the member by any other quantity than the one that would show it.
+    """
+    for m in h.members:
+        shown = EFFECTS[m.effect].shown_by if m.effect in EFFECTS else ""
+        if not shown or m.variant.sites in ((), (ARM,)):
+            continue
+        loss = 0.0
+        if shown in _kinds(m.variant):
+            others, start = [x for x in h.members if x is not m], (None, h.state.weight)
+            nats = [
+                search.hypothesis((*others, replace(m, variant=v)), start).state.log_evidence
+                for v in search.candidates.variants[m.effect]
+                if v.sites == m.variant.sites and shown not in _kinds(v)
+            ]
+            loss = max(h.state.log_evidence - max(nats, default=-np.inf), 0.0)
+        yield Related(m, m.variant.places[0][1], float(np.log(VERDICT.same_form)) - loss, alike=True)
+
+
+def _kinds(variant: Variant) -> set[str]:
+    """Kinds of quantities on which a variant depends."""
+    return {driver.kind for _, driver in variant.places}
 
 
 def _sites(h: Hypothesis) -> set[Site]:
@@ -238,7 +266,7 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
     if probability["null"] >= VERDICT.null_enough or not best.effects:
         return "null", ()
     sure = tuple(n for n in best.names if probability[n] >= VERDICT.sure)
-    if best.related is not None or undecided(weighed, probability):
+    if instead(weighed) is not None or undecided(weighed, probability):
         return "class", sure
     if best.cell is not None and not best.names:
         return ("unknown" if probability["unknown"] >= VERDICT.sure else "ambiguous"), ()
@@ -249,6 +277,14 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
             return "class", sure
         return ("named+unexplained" if further(weighed) >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
+
+
+def instead(weighed: Sequence[Weighed]) -> Related | None:
+    """What may be in place of a member of the leading set, which is no name then; None if nothing."""
+    best = weighed[0]
+    likely = [w for w in weighed if w.hypothesis is best.hypothesis and w.probability >= VERDICT.fewest]
+    alike = (w.related for w in likely if w.related is not None and w.related.alike)
+    return best.related or next(alike, None)
 
 
 def level(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> list[Weighed]:

@@ -199,8 +199,11 @@ def unshown(verdict: Verdict) -> dict[str, list[str]]:
     return grouped((" or ".join(columns), effect) for columns, effect in reasons if columns)
 
 
-MASS, LOADED = "mass", "another known mass on the flange"
-"""Kind of driver whose values are not those of a column, and what changes it."""
+CHANGED = {
+    "mass": "another known mass on the flange",
+    "time": "a temperature that rises and falls, and is recorded",
+}
+"""What is changed to distinguish causes that vary with a quantity, by its kind; else this quantity."""
 LIKELY = 0.05
 """Probability from which on a member of a class is listed (convention)."""
 
@@ -225,13 +228,17 @@ def _class(causes: CauseClass, gap: Gap) -> str:
 
 
 def _separates(gap: Gap) -> str:
-    """What would distinguish the causes of a class: the first advice, else rows in which they differ."""
+    """What would distinguish the causes of a class: the first advice, else rows in which they differ.
+
+    An advice tells known causes apart.
+    """
     causes = gap.verdict.causes
     assert causes is not None
-    if gap.advice:
+    drivers = [d for d in causes.drivers if d != CONSTANT]
+    leading = sorted(causes.members, key=lambda n: -causes.members[n])[:2]
+    if gap.advice and not (OTHER in leading and any(d.kind in CHANGED for d in drivers)):
         return gap.advice[0].what
-    drivers = (d for d in causes.drivers if d != CONSTANT)
-    others = listed(LOADED if d.kind == MASS else f"other values of {d.text}" for d in drivers)
+    others = listed(CHANGED.get(d.kind, f"other values of {d.text}") for d in drivers)
     return f"measurements at the same poses with {others}" if others else "measurements at other poses"
 
 
