@@ -74,8 +74,7 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
         mixed = {"time": time}
         if m.temperature is not None:
             mixed["temperature"] = np.interp(time, m.time, m.temperature)
-        of = "" if scene.in_images[rows].all() else " of the faces"
-        choices.append((f"the same poses in random order{of}, from a cold start", rows, mixed))
+        choices.append(("the same poses in random order, from a cold start", rows, mixed))
     every = np.concatenate([source for _, source, _ in choices])
     further = len(m.role) + np.arange(len(every))
     each = np.split(further, np.cumsum([len(source) for _, source, _ in choices])[:-1])

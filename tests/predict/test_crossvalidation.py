@@ -192,6 +192,10 @@ def test_repeats_tell_the_noise(cube):
     floor = noise_floor(again, "contact")
     assert floor.source == "repeats"
     assert floor.interval95[0] < 6e-6 < floor.interval95[1]
+    # repeats between which something changed scatter more than all residuals: these tell the noise
+    less = {"contact": again.weights.scale["contact"] / 2}
+    less_left = replace(again, weights=replace(again.weights, scale=less))
+    assert noise_floor(less_left, "contact").source == "fit"
 
 
 def test_rows_that_locate_their_target_scatter_as_predicted(tracker):

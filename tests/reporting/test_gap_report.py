@@ -157,7 +157,8 @@ def test_only_a_significant_site_is_marked_and_stated(session):
     # no location is stated that is not significant
     (clear,) = (line for line in headline(gap) if "at joint 3, direction" in line)
     unclear = replace(gap, where=tuple(replace(w, family_p_value=0.2) for w in gap.where))
-    assert clear.replace("joint 3, direction of motion of J3", "no single location") in headline(unclear)
+    nowhere = clear.replace("joint 3, direction of motion of J3", "no location that is significant")
+    assert nowhere in headline(unclear)
 
 
 HEADLINES = {
@@ -225,7 +226,7 @@ def test_an_effect_that_is_found_is_not_ambiguous(session):
     swaying = replace(gap.where[0], site=BASE, driver=by_time, family_p_value=1e-9, explained_by="")
     verdict = replace(gap.verdict, kind="ambiguous", named=())
     _, largest, *further = headline(replace(gap, verdict=verdict, where=(swaying,)))
-    assert largest == "Largest location, its cause not established: base or artefact, time, oscillating"
+    assert largest == "Largest location without a name: base or artefact, time, oscillating"
     assert not any("sways" in line for line in further)
     assert verdict_of(gap_record(both))[2] == "Effect found, and others possible"
     assert verdict_of(gap_record(diagnosis(session, "ambiguous")))[2].startswith("Ambiguous")
@@ -268,7 +269,7 @@ def test_summary_is_one_screen_that_names_the_verdict(session, kind):
 
 def test_summary_of_empty_tables_and_shares_in_percent(session):
     gap = replace(bare(session), verdict=diagnosis(session, "unknown").verdict)
-    assert "at no single location" in printed(gap)
+    assert "at no location that is significant" in printed(gap)
     # shares of locations are in percent
     lines = printed(diagnosis(session, "named")).splitlines()
     for words, share in (("direction of motion of J3", "70 %"), ("joint 1", "10 %")):

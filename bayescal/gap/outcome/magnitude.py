@@ -27,7 +27,7 @@ from bayescal.predict.crossvalidation import (
     resampled_distances,
 )
 from bayescal.predict.errors import CentreDistances, ValidationErrors, kept
-from bayescal.statistics import chi2_isf, chi2_sf, f_isf, rms
+from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf, rms
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class NoiseFloor:
 def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     """Noise of a contact: from repeats where there are enough, else from residuals of the fullest model.
 
+    Repeats that scatter more than these residuals (F test) contain more than noise: a change between them.
     Without repeats, residuals far above the stated noise are regarded as model error, not as noise.
 
     Parameters
@@ -61,11 +62,12 @@ def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     group : str
         Kind of noise group.
     """
+    stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
     if group in AGAIN:
         repeats, count = noise_again(final, group)
-        if repeats is not None:
+        more = repeats is not None and f_sf((repeats / (scale * stated)) ** 2, count, dof) < P_VALUE
+        if repeats is not None and not more:
             return NoiseFloor(repeats, float(count), "images" if group == IMAGE else "repeats")
-    stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
     if dof < OUTCOME.fewest_dof or chi2_sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
         return NoiseFloor(stated, STATED_WORTH, "stated")
     return NoiseFloor(scale * stated, dof, "fit")

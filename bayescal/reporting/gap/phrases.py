@@ -22,7 +22,8 @@ from bayescal.reporting.gap.causes import PLAIN, beside_base, gains, sentence, s
 from bayescal.reporting.text import SURE, listed, probability, rival, um
 from bayescal.statistics import grouped
 
-NO_PLACE = "at no single location"
+UNNAMED = "Largest location without a name"
+NO_PLACE = "at no location that is significant"
 COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
 """A column of a session in the reason why an effect was not assessed."""
 MOST = 0.5
@@ -179,12 +180,11 @@ def headline(gap: Gap) -> list[str]:
             beside if sure else "Ambiguous: these data do not distinguish the effects of the 90 % set"
         )
         if where and where.family_p_value < PLAIN:
-            what = "Largest location, its cause not established"
-            lines += _event(where, what, gap) or [f"{what}: {place(where, gap.dataset)}"]
+            lines += _event(where, UNNAMED, gap) or [f"{UNNAMED}: {place(where, gap.dataset)}"]
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
     if verdict.kind in ("named", "class"):
-        lines += _event(where, "Largest location without a name", gap)
+        lines += _event(where, UNNAMED, gap)
     if verdict.kind == "named":
         lines += _beyond(gap)
     lacking = [f"{listed(effects)} (no {columns})" for columns, effects in unshown(verdict).items()]

@@ -74,7 +74,8 @@ def _size(record: Json) -> text.Facts:
     elif sheets.exceeds(record):
         yield "excess", f"{excess}, {text.interval(ends, factor)} (95 %)", "bold"
     else:
-        yield "excess", f"not significant; at most {text.length(factor * ends[1])} µm (95 %)", ""
+        most = f"at most {text.length(factor * ends[1])} µm (95 %)"
+        yield "excess", f"not significant by the RMS alone; {most}", ""
 
 
 def _measured(record: Json) -> Sheet:

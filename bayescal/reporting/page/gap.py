@@ -155,7 +155,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
         yield "Distance error", "not measured", "no certified distances in the validation data"
     of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
-    excess = f"{text.length(of['excess_um'])} µm" if sheets.exceeds(record) else "not significant"
+    excess = f"{text.length(of['excess_um'])} µm" if sheets.exceeds(record) else "not significant by RMS"
     factor = sheets.per_vector(of["of"], of["components"])
     detail = (
         f"95 %: {text.interval(ends, factor)} µm per {kind}; validation RMS "
