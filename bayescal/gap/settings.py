@@ -152,6 +152,8 @@ class CellSettings:
     blocks: tuple[int, ...] = (5, 12)  # consecutive rows in which an error keeps its value (assumed)
     clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
     """Width of the clearance of a base, in standard deviations of its gravity moment (assumed)."""
+    seated: tuple[float, ...] = (0.05, 0.15, 0.3, 0.5)
+    """Share of its weight, along an axis of the flange, at which a loose tool changes its seat (assumed)."""
     kept: tuple[float, ...] = (0.0, 0.5, 0.8)
     """Share of a tool's displacement that remains after each contact (assumed)."""
     fewest: int = 12  # contacts that a defect or a sudden change must move (assumed)
@@ -213,8 +215,7 @@ class VerdictSettings:
     beside: float = 0.1
     """Prior odds of an unmodelled effect in addition to named ones (assumed)."""
     null_enough: float = 0.1
-    """Probability of the noise-only model from which on no effect is stated (tuned: of 53 sessions without
-    one, of four authors, none has less than 0.38)."""
+    """Probability of noise only from which on no effect is stated (tuned: 53 true nulls have .38 or more)."""
     unexplained: float = 0.25
     """Probability of a further effect, known or not, from which on a verdict is not `named` (tuned)."""
     sure: float = 0.5
@@ -232,8 +233,7 @@ class VerdictSettings:
     certain: float = 0.99
     """Probability above which an effect is not dropped as small, or as not extrapolating (assumed)."""
     stated: float = 0.999
-    """Largest probability that is stated, and the complement of the smallest (assumed: of some hundred names
-    in blind checks a few were wrong above this, and no check of that size supports more)."""
+    """Largest probability that is stated, and complement of the smallest (no blind check supports more)."""
     form: float = 0.04
     """Discount on the nats of an unmodelled effect: a cell also fits errors of a named form (tuned)."""
     same_course: float = 0.06

@@ -133,6 +133,31 @@ def test_lost_motion_persists_as_a_play_operator():
             assert state[k] == pytest.approx((value - y) / half, abs=1e-9)
 
 
+def test_a_seat_is_kept_until_the_other_is_taken():
+    x = np.sin(np.linspace(0.0, 20.0, 300)) * np.linspace(0.1, 1.0, 300)
+    thresholds = np.array([0.05, 0.3, 2.0])
+    for at, found in zip(thresholds, makers.seats(x, thresholds), strict=True):
+        seat, wanted = 0.0, []
+        for value in x:
+            seat = 1.0 if value > at else -1.0 if value < -at else seat
+            wanted.append(seat)
+        assert found.tolist() == wanted
+
+
+def test_a_tool_on_two_seats_is_unmodelled_at_the_tool(bench):
+    """Gravity lays it over across the flange, and it stays there: rows are in the order of time."""
+    c, seat, states = bench.circumstances, 0.0, []
+    for across in makers.at_tool(c)[:, 0]:
+        seat = 1.0 if across > 0.2 else -1.0 if across < -0.2 else seat
+        states.append(seat)
+    shift = Parameter("", "m", (Term(c.chain.n + 1, "ty", np.array(states)),), 1e-5)
+    p = bench.made_up(5, bench.visible(bench.slopes.columns([shift]), 200.0, 0))
+    decision, _ = bench.decided(p)
+    assert decision.probability["unknown"] > 0.9
+    place = next(w for w in bench.places(decision) if not w.explained_by)
+    assert (place.site, place.driver) == (TOOL, Driver("gravity direction", form="past"))
+
+
 def test_fading_is_the_mean_direction_of_earlier_travel():
     """Weighted by exp(-travel since / length): an integral over the path, here by steps of a thousandth."""
     x = np.array([0.3, 0.8, 0.8, 0.1, 0.15, 0.9])

@@ -234,7 +234,7 @@ def _each_axis(c: Circumstances, site: Site, functions: Functions) -> Iterator[t
 
 
 def remembering(c: Circumstances) -> Iterator[Cell]:
-    """A base on clearance, and a tool that earlier contacts have pushed aside."""
+    """A base on clearance; a tool that gravity lays on one of two seats, or that contacts pushed aside."""
     order, sets = measured(c), list[tuple[Parameter, ...]]()
     for by in (t for t in tilts(c) if np.ptp(t.moment[c.fitted]) > 0):
         mine = by.moment[order] - np.median(by.moment[c.fitted])
@@ -242,6 +242,11 @@ def remembering(c: Circumstances) -> Iterator[Cell]:
         state[:, order] = makers.slack(mine, np.array(CELLS.clearance) * np.std(by.moment[c.fitted]))
         sets += [(makers.tilted(c, by.axis, s),) for s in state]
     yield Cell(BASE, Driver("base moment", form="past"), tuple(sets))
+    shift, down = movers(c)[TOOL][0], makers.at_tool(c)
+    states = np.empty((3, len(CELLS.seated), len(order)))
+    states[..., order] = makers.seats(down[order].T, np.array(CELLS.seated))
+    seated = [tuple(shift(s)) for s in states.reshape(-1, len(order)) if np.ptp(s[c.fitted]) > 0]
+    yield Cell(TOOL, Driver("gravity direction", form="past"), tuple(seated))
     if not np.any(c.touching):
         return
     way, sets = np.where(c.touching[:, None], c.approach, 0.0), []

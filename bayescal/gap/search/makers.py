@@ -190,6 +190,18 @@ def slack(angle: np.ndarray, widths: np.ndarray) -> np.ndarray:
     return out
 
 
+def seats(course: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+    """Which of two places is taken along successive values (..., N): (..., L, N), -1 or 1, 0 before any.
+
+    It is taken once the value is beyond one of L thresholds in its direction, until the value is beyond this
+    threshold in the other direction.
+    """
+    there = course[..., None, :]
+    taken = np.where(np.abs(there) > thresholds[:, None], np.sign(there), 0.0)
+    last = np.maximum.accumulate(np.where(taken != 0.0, np.arange(course.shape[-1]), 0), axis=-1)
+    return np.take_along_axis(taken, last, axis=-1)
+
+
 def points(c: Circumstances) -> np.ndarray:
     """TCP positions (N, 3) at nominal geometry, in F0, m."""
     return reference.points(c.chain, c.q, c.tool_centres[c.tool])
