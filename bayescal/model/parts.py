@@ -34,7 +34,10 @@ T = TypeVar("T")
 
 
 def bodies_of(scene: Scene, fitted: np.ndarray) -> dict[str, tuple[tuple[str, np.ndarray, np.ndarray], ...]]:
-    """`instruments`, `artefacts` and `pieces` of `Circumstances`; a body is in the middle of its contacts."""
+    """`instruments`, `artefacts` and `pieces` of `Circumstances`; a body is in the middle of its contacts.
+
+    Pieces are those of all placements together, and each of one placement.
+    """
     d, target = scene.dataset, scene.dataset.measurements.target
     index = {d.targets[t].name: t for t in np.unique(target[fitted]).tolist()}
     read = {name: t for name, t in index.items() if scene.declared[t].of_instrument}
@@ -50,7 +53,7 @@ def bodies_of(scene: Scene, fitted: np.ndarray) -> dict[str, tuple[tuple[str, np
         return tuple((name, rows.astype(float), middle[name]) for name, rows in on.items())
 
     whole = bodies(d, touched)
-    pieces = grouped((name.partition("@")[0], name) for name in touched)
+    pieces = grouped((name.partition("@")[0], name) for name in touched) | {name: [name] for name in touched}
     pieces = {name: group for name, group in pieces.items() if group not in whole.values()}
     return {"instruments": tuple(instruments), "artefacts": placed_of(whole), "pieces": placed_of(pieces)}
 

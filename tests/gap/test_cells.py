@@ -625,7 +625,8 @@ def test_bodies_and_their_pieces_move_and_bend(dataset):
     c = circumstances(dataset)
     rows = (np.arange(len(c.q)) % 3 == 1).astype(float)
     middle = np.zeros(3)
-    c = replace(c, artefacts=(("plate@2", rows, middle),), pieces=(("plate.A", 1.0 - rows, middle),))
+    pieces = (("plate.A", 1.0 - rows, middle), ("plate.A@2", rows, middle))
+    c = replace(c, artefacts=(("plate@2", rows, middle),), pieces=pieces)
     of = {(cell.site.name, cell.driver.kind): cell for cell in cells(c)}
     clock = np.arange(len(c.q)) if c.time is None else c.time
     own = c.fitted[rows[c.fitted] > 0]
@@ -636,6 +637,11 @@ def test_bodies_and_their_pieces_move_and_bend(dataset):
     up = np.einsum("nj,nj->n", flange[:, 2], np.where(c.touching[:, None], c.approach, 0.0))
     assert left_by(of["plate.A", "contact direction"], "normal", (1.0 - rows) * (3 * up**2 - 1)) < 1e-9
     assert ("plate.A", "time") not in of  # in placements one after another, a wrong certificate
+    # in one placement it moves about its mean, which is one
+    moved = [t.driver for some in of["plate.A@2", "time"].sets for p in some for t in p.terms]
+    assert np.allclose([np.mean(d[own]) for d in moved], 0.0, atol=1e-12)
+    assert left_by(of["plate.A@2", "time"], "tz", rows * np.cos(np.pi * np.clip(u, 0, 1))) < 0.1
+    assert ("plate.A@2", "contact direction") not in of  # that of the piece has it
     whole = replace(c, artefacts=(("plate", np.ones(len(c.q)), middle),), pieces=())
     assert not [cell for cell in cells(whole) if cell.site.name == "plate"]
 

@@ -339,7 +339,7 @@ def _artefacts(c: Circumstances) -> Iterator[Cell]:
     """Bodies of targets that move or grow by a quantity; they, and pieces of them, that bend under a contact.
 
     A piece is the same in all placements of a body. What bends, or has another form, shows in the direction
-    of contact in F0. Placed at one time after another, a piece that moves with time is a wrong certificate.
+    of contact in F0. In one placement a piece may move; its mean displacement there is a wrong certificate.
     """
     pieces = {name for name, *_ in c.pieces}
     order = np.arange(len(c.q), dtype=float)
@@ -357,13 +357,16 @@ def _artefacts(c: Circumstances) -> Iterator[Cell]:
         on, site = rows * c.touching, face(name)
         axes = makers.SHIFTS, (*makers.SHIFTS, *makers.TURNS)
         ways = [makers.displaced({0: some}, rows) for some in axes]
-        if np.any(on[mine]):
+        of_one = name in pieces and not any(other.startswith(f"{name}@") for other in pieces)
+        if np.any(on[mine]) and "@" not in (name if of_one else ""):
             ways.append(partial(_grown, on))
             forms = tuple(at_contact(on, f) for f in (pointing[:5], pointing))
             yield Cell(site, Driver("contact direction"), forms)
-        for kind, clock in clocks.items() if name not in pieces else ():
+        for kind, clock in clocks.items() if name not in pieces or of_one else ():
             if clock is not None and (waves := smooth(clock, mine, 2)):
-                sets = (tuple(p for w in waves for p in move(w)) for move in ways)
+                means = [np.mean(w[mine]) if of_one else 0.0 for w in waves]
+                moved = [w - mean for w, mean in zip(waves, means, strict=True)]
+                sets = (tuple(p for w in moved for p in move(w)) for move in ways)
                 yield Cell(site, Driver(kind), tuple(sets))
 
 
