@@ -281,9 +281,9 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
 
 def instead(weighed: Sequence[Weighed]) -> Related | None:
     """What may be in place of a member of the leading set, which is no name then; None if nothing."""
-    best = weighed[0]
-    likely = [w for w in weighed if w.hypothesis is best.hypothesis and w.probability >= VERDICT.fewest]
-    alike = (w.related for w in likely if w.related is not None and w.related.alike)
+    best, least = weighed[0], weighed[0].probability * (1.0 / VERDICT.alone - 1.0)
+    of_best = [w for w in weighed if w.hypothesis is best.hypothesis and w.probability > least]
+    alike = (w.related for w in of_best if w.related is not None and w.related.alike)
     return best.related or next(alike, None)
 
 
