@@ -16,8 +16,8 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined, smooth_cell
 from bayescal.gap.outcome.events import named_events
-from bayescal.gap.outcome.statements import alike, cautions, play_or_late
-from bayescal.gap.outcome.where import neighbours
+from bayescal.gap.outcome.statements import cautions, play_or_late
+from bayescal.gap.outcome.where import beside
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name
@@ -58,12 +58,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         hypotheticals(d.weighed)[: VERDICT.listed],
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
-        (
-            *sentences(e.widths),
-            *play_or_late(d.alone, e.pool, d.credible),
-            *alike(scene, d.members),
-            *cautions(scene.dataset),
-        ),
+        (*sentences(e.widths), *play_or_late(d.alone, e.pool, d.credible), *cautions(scene.dataset)),
         _causes(d, probability) if kind == "class" else None,
     )
 
@@ -139,9 +134,10 @@ def _most(name: str, kind: str, d: Decision) -> float:
 def _named(member: Member, d: Decision, e: Examined) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
+    where = beside(member, d.hypothesis, e.candidates.pool, e.circumstances, e.slopes)
     return Named(
         v.effect, model_name(member, e.candidates), v.sites, setting, supported(d.probability[v.effect]),
-        d.lost(v.effect), v.effect not in d.unclaimed, neighbours=neighbours(member, d.hypothesis, e.pool),
+        d.lost(v.effect), v.effect not in d.unclaimed, neighbours=where,
     )  # fmt: skip
 
 

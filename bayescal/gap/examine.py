@@ -50,6 +50,7 @@ class Examined:
     fitted: Estimate  # with flat faces: their form is a hypothesis among others
     circumstances: Circumstances
     candidates: Candidates
+    slopes: Slopes
     problem: Problem
     pool: Pool
     search: Search
@@ -230,7 +231,8 @@ class Baseline:
         pool = filled(partial(cells, c), slopes, poses, p)
         search = Search(p, candidate_effects, self.robust, self.further)
         search.run()
-        return Examined(fitted, c, candidate_effects, p, pool, search, decide(search, pool, arguments(c)))
+        decision = decide(search, pool, arguments(c))
+        return Examined(fitted, c, candidate_effects, slopes, p, pool, search, decision)
 
 
 def _screened_again(e: Examined, screenings: Mapping[str, Screening], slopes: Slopes) -> dict[str, Screening]:
@@ -321,9 +323,9 @@ def where(first: Examined, last: Examined, promoted: bool, noise: float) -> tupl
     if promoted:
         every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
         compliant = first.search.hypothesis([Member(every, 1.0, 0.0)])
-        scale = Scale(first.circumstances, excess, first.fitted.model.size)
+        scale = Scale(first.circumstances, excess, first.fitted.model.size, first.slopes)
         out = places_named(compliant, first.candidates.pool, scale)
-    scale = Scale(last.circumstances, excess, last.fitted.model.size)
+    scale = Scale(last.circumstances, excess, last.fitted.model.size, last.slopes)
     return (*out, *places(chosen, last.pool, last.candidates.pool, scale))
 
 

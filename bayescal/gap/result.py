@@ -24,6 +24,8 @@ VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation poin
 """Kinds of validation measurement, as reports name them."""
 OTHER = "other"
 """A cause that is not in the list of known effects, as a member of a class."""
+MOVES = frozenset({"event", "time", "temperature", "count", "load", "activity", "wait"})
+"""Kinds of drivers of errors that may be of any site."""
 MARGINS = ("target", "joint", "region", "time", "direction")
 """Groups by which residuals are listed."""
 VERDICTS = ("null", "named", "named+unexplained", "class", "unknown", "ambiguous")
@@ -110,6 +112,7 @@ class Place:
     curve: Curve
     event: Event | None = None  # of an unmodelled sudden change, which may explain most of another location
     amplitudes: tuple[Amplitude, ...] = ()  # of that change, or of a base that rocks
+    neighbours: tuple[Site, ...] = ()  # where an error would look the same
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ class Bench:
     def places(self, decision: Decision) -> list:
         """Where a decision says that something is."""
         size = self.problem.jacobian.shape[1]
-        scale = Scale(self.circumstances, 1e-10, size)
+        scale = Scale(self.circumstances, 1e-10, size, self.slopes)
         return places(decision.hypothesis, self.pool, self.known.pool, scale)
 
 

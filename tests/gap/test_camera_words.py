@@ -40,7 +40,7 @@ def test_a_class_names_its_event_and_what_is_not_distinguishable():
     causes = CauseClass((BASE,), (Driver("event"),), {"step": 0.6, "thermal-drift": 0.3})
     named = SimpleNamespace(effect="step", events=(Event(row=48, interval95=(48, 71)),))
     verdict = SimpleNamespace(named=(named,), causes=causes)
-    text = _class(causes, SimpleNamespace(dataset=session, verdict=verdict))
+    text = _class(causes, SimpleNamespace(dataset=session, verdict=verdict, where=()))
     assert "at the base or the fixed camera (these data do not distinguish them)" in text
     assert "from image i2 (row 49) on" in text
 

@@ -26,7 +26,6 @@ from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import events
 from bayescal.gap.outcome.events import sizes
-from bayescal.gap.outcome.statements import alike
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, extended
 from bayescal.gap.search.cell_kinds import remembering
@@ -333,18 +332,13 @@ def found(bench, parameters, strength=250.0):
     return decision.kind, member
 
 
-def test_the_reflector_shifted(steps_bench, tracker):
-    """In sessions of a tracker it was an unmodelled effect; a shift of the base may be of the instrument."""
+def test_the_reflector_shifted(steps_bench):
+    """In sessions of a tracker it was an unmodelled effect."""
     kind, member = found(steps_bench, shifted(steps_bench.circumstances, 7))
     assert (kind, member.effect) == ("named", "step")
     assert abs(member.variant.setting - 60) <= 3
     name = f"step@{member.variant.setting:g} at tool"
     assert model_name(member, steps_bench.known).split(" x")[0] == name
-    scene = Scene(tracker(seed=3, count=120).dataset)
-    assert not list(alike(scene, [member]))
-    of_base = next(v for v in steps_bench.known.variants["step"] if v.site == "")
-    (note,) = alike(scene, [replace(member, variant=of_base)])
-    assert "the instrument" in note
 
 
 def test_one_of_two_instruments_shifted(tracker):

@@ -299,7 +299,7 @@ def found(cube):
     z[names.index("step x")], z[names.index("step z")] = 6.0, 8.0
     fitted = replace(fitted, z=z, covariance=0.05**2 * np.eye(len(z)))
     each = [Named(name, model, (), "", 1.0, 0.0) for name, model in SET_EFFECTS.items()]
-    gap = SimpleNamespace(amplitudes=amplitudes(fitted, fitted.covariance, each))
+    gap = SimpleNamespace(where=(), dataset=None, amplitudes=amplitudes(fitted, fitted.covariance, each))
     return gap, each
 
 
@@ -330,13 +330,15 @@ def test_only_what_is_significant_is_told(found):
 
     def said(*joints):
         own = [replace(a, significant=a.site in map(joint, joints)) for a in gap.amplitudes]
-        return named(each[1], SimpleNamespace(amplitudes=own))
+        return named(each[1], SimpleNamespace(where=(), dataset=None, amplitudes=own))
 
     each_has = "backlash in joints 2, 3 and 5 (each has lost motion on reversal; probability"
     assert said(2, 3, 5).startswith(each_has)
     assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
     assert said().startswith("at least one joint has lost motion")
-    none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=())
+    none = SimpleNamespace(
+        amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=(), dataset=None
+    )
     assert [str(a.site) for a in stated(none, "backlash")] == ["joint 3"]
     assert lines(none)[1].endswith("deg, not significant alone")
     own = [a for a in none.amplitudes if a.effect == "backlash"]
@@ -379,7 +381,7 @@ def test_a_sum_is_told_whose_parts_are_not_significant(cube):
     ways = [moved(z + 0.01 * np.eye(len(z))[k]) - moved(z - 0.01 * np.eye(len(z))[k]) for k in own]
     u = 0.05 * np.linalg.norm(np.array(ways) / 0.02)
     assert (whole.value, whole.u) == pytest.approx((moved(z), u), rel=1e-3)
-    gap = SimpleNamespace(amplitudes=(*parts, whole))
+    gap = SimpleNamespace(where=(), dataset=None, amplitudes=(*parts, whole))
     assert lines(gap)[0].startswith("backlash of the arm: displacement of the TCP by all of its parts, RMS ")
     assert named(each[0], gap).startswith("at least one joint has lost motion")
     fitted = replace(fitted, z=0.1 * z)

@@ -124,7 +124,7 @@ def test_rows_that_are_not_scored_leave_the_others_as_they_are(dataset):
 )  # fmt: skip
 def test_outliers_that_nothing_explains_are_left_out_after_all(monkeypatch, causes, kinds, which, calls):
     """Where that shows an unmodelled effect: a few true outliers may share a cause by chance."""
-    nothing = dict.fromkeys(("fitted", "circumstances", "candidates", "problem", "pool", "search"))
+    nothing = dict.fromkeys(("fitted", "circumstances", "candidates", "slopes", "problem", "pool", "search"))
     found = [examine.Examined(**nothing, decision=SimpleNamespace(kind=k)) for k in kinds]
     asked = []
 

@@ -44,7 +44,10 @@ def noise_of(bench, seed):
 def placed(bench, state, pool):
     size = bench.problem.jacobian.shape[1]
     return places(
-        Hypothesis((), state, 0.0, 0.0), pool, bench.known.pool, Scale(bench.circumstances, 1e-10, size)
+        Hypothesis((), state, 0.0, 0.0),
+        pool,
+        bench.known.pool,
+        Scale(bench.circumstances, 1e-10, size, bench.slopes),
     )
 
 
@@ -77,7 +80,7 @@ def test_every_test_takes_its_share_of_the_margin(bench):
     state = fit_state(bench.made_up(3, bench.of_effect("backlash", 60.0)), variant.columns, np.ones(6))
     named = Hypothesis((Member(variant, 1.0, 0.0),), state, 0.0, 0.0)
     size = bench.problem.jacobian.shape[1]
-    sites = places_named(named, bench.known.pool, Scale(bench.circumstances, 1e-10, size))
+    sites = places_named(named, bench.known.pool, Scale(bench.circumstances, 1e-10, size, bench.slopes))
     count = len(variant.columns)
     assert any(place.family_p_value < 1.0 for place in sites)
     for place in sites:

@@ -478,7 +478,7 @@ def test_every_cause_is_a_sentence_with_its_site_and_joint(causes_session, key):
     )  # fmt: skip
     said, template = sentence(shown, causes_session), CAUSES[key][0]
     assert not set("{}") & set(said)
-    words = "the base or the artefact" if site == "base" else shown.site.text
+    words = shown.site.text + " or the artefact" * (site == "base")
     assert (words in said) == ("{site}" in template)
     assert ("J3" in said) == ("{joint}" in template)
 
@@ -588,10 +588,34 @@ def test_a_shift_of_the_base_is_one_of_the_artefact(session):
     step = next(n for n in gap.verdict.named if n.effect == "step")
     where = replace(gap.where[0], site=BASE, driver=Driver("event"), explained_by="step")
     gap = replace(gap, where=(where, *gap.where))
-    one, two = (named(replace(step, sites=sites), gap) for sites in ((BASE,), (BASE, TOOL)))
+    one, two = (named(replace(step, sites=sites), gap) for sites in ((), (BASE, TOOL)))
     assert one.startswith("the base or the artefact (these data do not distinguish them) shifted suddenly, ")
     alike = "(these data do not distinguish the base and the artefact)"
     assert two.startswith(f"step in the base or the artefact and the tool {alike} (each shifted suddenly, ")
+
+
+def test_every_site_that_looks_the_same_is_stated_with_what_to_inspect(session):
+    gap = diagnosis(session, "unknown")
+    where = replace(
+        gap.where[0], site=joint(6), driver=Driver("event"), explained_by="", family_p_value=1e-9,
+        neighbours=(BASE, TOOL), amplitudes=(), event=Event(4, (4, 4)),
+    )  # fmt: skip
+    record = gap_record(replace(gap, where=(where,)))
+    (place,) = record["where"]
+    assert place["text"] == "joint 6, base, artefact or tool, row of the event"
+    assert place["neighbours"] == ["base", "tool"]
+    assert place["words"].startswith("the zero of joint 6 changed at row 5 (")
+    assert place["words"].endswith(
+        ", or the same at the base or the artefact or the tool shifted (these data do not distinguish them)"
+    )
+    parts = [place["remedy"].index(f"{x}: ") for x in ("The base or the artefact", "The tool", "Joint 6")]
+    assert parts == sorted(parts)
+    found = diagnosis(session, "named")
+    first = replace(found.verdict.named[0], sites=(joint(6),), neighbours=(TOOL,))
+    found = replace(found, verdict=replace(found.verdict, named=(first,)))
+    words = "joint 6 or the tool (these data do not distinguish them) has lost motion on reversal"
+    assert named(first, found).startswith(words)
+    assert faults(gap_record(found))[0].remedy.startswith("Check the tool too: ")
 
 
 @pytest.mark.parametrize(("other", "said"), [(0.1, True), (1.0, False)])

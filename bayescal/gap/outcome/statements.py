@@ -13,21 +13,18 @@ from bayescal.arm.chain import Robot
 from bayescal.assess import images
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
-from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.consistency import copies, rounded
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
 from bayescal.effects.location import ARM as WHOLE
-from bayescal.effects.location import BASE, CONSTANT, DEVIATION, Value, face, propagated
+from bayescal.effects.location import CONSTANT, DEVIATION, Value, propagated
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 from bayescal.estimate.unexplained import stated_noise
 from bayescal.gap.outcome.magnitude import difference, log_predictive
 from bayescal.gap.result import TOGETHER, Amplitude, Named
-from bayescal.gap.search.beam import Member
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
 from bayescal.model import ARM
-from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import IMAGES_LEFT_OUT, LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, by_points, kept
 from bayescal.statistics import chi2_sf, rms
@@ -100,21 +97,6 @@ def cautions(dataset: Dataset) -> Iterator[str]:
         yield (
             "the readings are commanded, not measured: servo errors are not distinguishable from backlash "
             "(direction of motion) and compliance (torque)"
-        )
-
-
-def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
-    """What the data do not distinguish from a named shift of the base or of the only instrument."""
-    d = scene.dataset
-    used = [d.targets[t] for t in np.unique(d.measurements.target[scene.rows("calibrate")])]
-    sites = {s.anywhere for m in members for s, driver in m.variant.places if driver.kind == "event"}
-    if [t.kind for t in used] == ["camera"] and BASE in sites:
-        fixed = "fixed camera" if used[0].texts["mount"] == FIXED else "board"
-        yield f"the base or the {fixed} moved: images of one {fixed} do not distinguish them"
-    if [t.kind for t in used] == ["instrument"] and sites & {BASE, face(used[0].name)}:
-        yield (
-            "the base or the instrument shifted: with one instrument they are distinguishable only by the "
-            "centre of a rotation"
         )
 
 

@@ -11,12 +11,14 @@ from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.location import ARM, TOOL, Driver, Site, face
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import project
-from bayescal.gap.linear.problem import without_nuisance
+from bayescal.gap.linear.problem import Slopes, without_nuisance
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.events import EVENT, cell_parameters, sizes
-from bayescal.gap.result import Curve, Place
+from bayescal.gap.result import MOVES, Curve, Place
 from bayescal.gap.search.beam import Hypothesis, Member
-from bayescal.gap.search.unknown import CellFit, Pool, gains, with_set
+from bayescal.gap.search.cells import hanging
+from bayescal.gap.search.makers import movers
+from bayescal.gap.search.unknown import CellFit, Pool, gains, with_columns, with_set
 from bayescal.gap.settings import OUTCOME, SEARCH
 from bayescal.statistics import f_sf, grouped, rms
 
@@ -27,7 +29,7 @@ SUDDEN = 0.8
 
 @dataclass(frozen=True)
 class Scale:
-    """What the size of a location is relative to.
+    """What the size of a location is relative to, and the slopes by which other sites would move.
 
     `excess` is the excess variance of a contact under the baseline, m2. Its size is what the first `size`
     parameters do not absorb, those of the model; the errors of masses are not counted.
@@ -36,6 +38,7 @@ class Scale:
     circumstances: Circumstances
     excess: float
     size: int
+    slopes: Slopes
 
     def share(self, size: float) -> float:
         """Share of the excess variance of an RMS, m."""
@@ -120,28 +123,82 @@ def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
     return (contribution - absorbed)[: state.problem.count]
 
 
-NEIGHBOURS = {"bending moment": (TOOL.kind, "gravity direction")}
-"""Site and driver of an error like one of the last two links, by the driver of that: what a mount yields."""
+GRAVITY = frozenset({"torque", "bending moment"})
+"""Kinds of drivers by which a tool on its mount also yields."""
+MOVED_BY = {TOOL.kind: MOVES | GRAVITY | {"direction"}}
+"""Kinds of drivers by which a site may move, by its kind; of others those of `MOVES`."""
+FUNCTIONS = 3
+"""Functions of the rows up to which an error is compared with those of other sites (cost)."""
 
 
-def neighbours(member: Member, hypothesis: Hypothesis, pool: Pool) -> tuple[Site, ...]:
-    """Sites beside that of a named effect at which an error would look the same.
+def neighbours(
+    of: Contribution, without: State, with_it: State, c: Circumstances, slopes: Slopes
+) -> tuple[Site, ...]:
+    """Sites at which a free error by the same functions of the rows would look the same.
 
-    There a generic cell leaves less of what the effect predicts than the noise hides.
+    It leaves less of what is located than the noise hides, and than a share.
+
+    Parameters
+    ----------
+    of : Contribution
+    without, with_it : State
+        The fits without and with it.
+    c : Circumstances
+    slopes : Slopes
+        Of the problem of both.
     """
-    places, state = member.variant.places, hypothesis.state
-    last = max((cell.site.number for cell in pool.cells), default=0)
-    like = {NEIGHBOURS.get(driver.kind) for _, driver in places}
-    if len(like) != 1 or None in like or any(site.number < last - 1 for site, _ in places):
+    functions, kind = _functions(of, c), of.driver.kind
+    bare = replace(without, robust=False)
+    least = min(SEARCH.detectable, (1.0 - SUDDEN) * _remainder(bare, of, with_it))
+    if not 0 < functions.shape[1] <= FUNCTIONS:
         return ()
-    predicted, bare = state.predicted(member.variant.columns), state.without(member.variant.columns)
-    sites = []
-    for k, cell in enumerate(pool.cells):
-        if (cell.site.kind, cell.driver.kind) in like:
-            for index in np.flatnonzero(pool.owner == k):
-                residual = unabsorbed(with_set(bare, pool, int(index), OUTCOME.free), predicted)
-                sites += [cell.site] if np.sum(residual**2) < SEARCH.detectable else []
-    return tuple(dict.fromkeys(sites))
+
+    def alike(parameters: Sequence[Parameter]) -> bool:
+        wide = with_columns(bare, slopes.columns(parameters), OUTCOME.free, with_it.weight)
+        return _remainder(wide, of, with_it) < least
+
+    out = []
+    for site, ways in movers(c).items():
+        if site != of.site and kind in MOVED_BY.get(site.kind, MOVES):
+            sets = [[q for f in functions.T for q in move(f)] for move in ways]
+            if site == TOOL and kind in GRAVITY:
+                sets += [list(some) for cell in hanging(c) for some in cell.sets]
+            out += [site] if any(map(alike, sets)) else []
+    return tuple(out)
+
+
+def _functions(of: Contribution, c: Circumstances) -> np.ndarray:
+    """Functions (N, k) of the rows by which a contribution displaces axes of frames, none a sum of others."""
+    moved: dict[tuple[int, str], np.ndarray] = {}
+    for q, amplitude in zip(of.parameters, of.amplitude, strict=False):  # of a random error there are none
+        for t in q.terms:
+            by = amplitude * q.sd * np.broadcast_to(t.driver, len(c.q))
+            moved[t.frame, t.axis] = moved.get((t.frame, t.axis), 0.0) + by
+    each = [f / size for f in moved.values() if (size := float(np.max(np.abs(f)))) > 0]
+    if not each:
+        return np.zeros((len(c.q), 0))
+    vectors, sizes, _ = np.linalg.svd(np.column_stack(each), full_matrices=False)
+    some = vectors[:, sizes > 1e-6 * sizes[0]]
+    return np.asarray(some / np.max(np.abs(some), axis=0))
+
+
+def _remainder(state: State, of: Contribution, final: State) -> float:
+    """Detectability lambda of what a state leaves of a contribution, by the weights of a final state."""
+    weight = final.weight[: state.problem.count]
+    return float(np.sum(weight * unabsorbed(state, of.motion) ** 2)) / final.kappa**2
+
+
+def beside(
+    member: Member, h: Hypothesis, named: Sequence[Parameter], c: Circumstances, slopes: Slopes
+) -> tuple[Site, ...]:
+    """The `neighbours` of a named effect, if it is of one site; `named` is the pool of candidates."""
+    places, index = dict.fromkeys(member.variant.places), member.variant.columns
+    if len({(site, driver.kind) for site, driver in places}) != 1:
+        return ()
+    site, driver = next(iter(places))
+    parameters, columns = [named[k] for k in index], h.state.problem.pool[:, index]
+    of = Contribution(site, driver, parameters, columns, h.state.amplitudes_of(index), 0.0)
+    return neighbours(of, h.state.without(index), h.state, c, slopes)
 
 
 def _place(of: Contribution, without: State, with_it: State, tests: int, scale: Scale) -> Place:
@@ -154,7 +211,10 @@ def _place(of: Contribution, without: State, with_it: State, tests: int, scale: 
     p_value = f_test(without, of.columns)
     curve = _curve(of, with_it, scale.circumstances)
     family = min(1.0, p_value * tests)
-    return Place(of.site, of.driver, size, scale.share(size), p_value, family, of.gain, of.name, curve)
+    place = Place(of.site, of.driver, size, scale.share(size), p_value, family, of.gain, of.name, curve)
+    if family > OUTCOME.significant:
+        return place
+    return replace(place, neighbours=neighbours(of, without, with_it, scale.circumstances, scale.slopes))
 
 
 def _sudden(ranked: Sequence[CellFit], pool: Pool) -> CellFit | None:

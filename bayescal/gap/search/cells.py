@@ -279,7 +279,7 @@ def _activity(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
             yield out
 
 
-def _hanging(c: Circumstances) -> Iterator[Cell]:
+def hanging(c: Circumstances) -> Iterator[Cell]:
     """A tool that deflects under its weight: by the direction of gravity in its frame."""
     parts = [p for p in makers.at_tool(c).T if np.ptp(p[c.fitted]) > 1e-3]
     if not parts:
@@ -375,5 +375,5 @@ def _grown(on: np.ndarray, d: np.ndarray) -> list[Parameter]:
     return list(at_contact(on, [d]))
 
 
-MAKERS = (_joints, _bending, _time, _sway, _artefacts, _hanging, _around, *MEASURING, *FURTHER, *IMAGES)
+MAKERS = (_joints, _bending, _time, _sway, _artefacts, hanging, _around, *MEASURING, *FURTHER, *IMAGES)
 """Functions that list the cells of a session, in the order of the cells."""

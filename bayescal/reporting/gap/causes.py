@@ -11,9 +11,9 @@ from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.location import ARTEFACT, BASE, DEVIATION, Site, of_sign
 from bayescal.effects.vocabulary import unit_label
-from bayescal.gap.result import TOGETHER, Amplitude, Event, Gap, Place
+from bayescal.gap.result import MOVES, TOGETHER, Amplitude, Event, Gap, Place
 from bayescal.reporting.origin import entry, sized
-from bayescal.reporting.text import measured, with_u
+from bayescal.reporting.text import listed, measured, with_u
 from bayescal.storage.reading import table_beside
 
 PLAIN = 0.05
@@ -21,6 +21,8 @@ PLAIN = 0.05
 MOSTLY = 0.5
 """Share of the square of an error in a region, above which the target that has it is named (convention)."""
 MOST = "a sudden change alone explains most of it: "
+ALIKE = "these data do not distinguish them"
+TIGHT = "Check that it is tight and was not struck."
 CAUSES = {
     (site, driver, cause.get("form", "")): (cause["what"], cause["inspect"])
     for cause in table_beside(__file__, "causes.toml")["cause"]
@@ -38,15 +40,18 @@ def cause(where: Place) -> tuple[str, str] | None:
     return CAUSES.get((where.site.kind, *driver))
 
 
-def site_text(where: Place, dataset: Dataset, article: str = "") -> str:
-    """The site of a location in words, and what is not distinguishable from it."""
-    if where.site.kind == BASE.kind and (also := beside_base(dataset, [where.driver.kind])):
-        return f"{article}base or {article}{also}"
-    return where.site.text if article else str(where.site)
+def either(sites: Sequence[Site], drivers: Sequence[str], dataset: Dataset) -> list[str]:
+    """Sites in words, the base with what is not distinguishable from it by kinds of drivers."""
+    out, kinds = [site.text for site in sites], [site.kind for site in sites]
+    if BASE.kind in kinds and "face" not in kinds and (also := beside_base(dataset, drivers)):
+        out.insert(kinds.index(BASE.kind) + 1, f"the {also}")
+    return out
 
 
-MOVES = frozenset({"event", "time", "temperature", "count", "load"})
-"""Drivers of errors by which the base, and what is fixed beside it, move alike."""
+def site_text(where: Place, dataset: Dataset) -> str:
+    """The sites of a location without articles: ``joint 6 or tool``."""
+    each = either((where.site, *where.neighbours), [where.driver.kind], dataset)
+    return listed((text.removeprefix("the ") for text in each), "or")
 
 
 def beside_base(dataset: Dataset, drivers: Sequence[str]) -> str:
@@ -85,7 +90,8 @@ def sentence(where: Place, dataset: Dataset) -> str:
     """What happens, when, and by how much: ``the tool shifted at row 212 by (10.0(4), ...) µm``; or ""."""
     if (happens := cause(where)) is None:
         return ""
-    text = happens[0].format(site=site_text(where, dataset, "the "), joint=f"J{where.driver.joint}")
+    here = listed(either([where.site], [where.driver.kind], dataset), "or")
+    text = happens[0].format(site=here, joint=f"J{where.driver.joint}")
     if where.driver.kind == "reading" and len(_fitted_targets(dataset)) > 1:
         text += "; or the noise differs between targets: compare their residuals"
     if target := mostly(where, dataset):
@@ -93,7 +99,33 @@ def sentence(where: Place, dataset: Dataset) -> str:
     if where.event is not None:
         text = f"{'' if where.driver.kind == 'event' else MOST}{text} at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
-    return text + "".join(f" {part}" for part in _sizes(shown))
+    text += "".join(f" {part}" for part in _sizes(shown))
+    if not where.neighbours:
+        return text
+    others = [_beside(site, where, happens[0], dataset) for site in where.neighbours]
+    return f"{text}, or {listed(others, 'or')} ({ALIKE})"
+
+
+def _beside(site: Site, where: Place, happens: str, dataset: Dataset) -> str:
+    """What happens instead at another site of a location, at which it would look the same."""
+    there = cause(replace(where, site=site))
+    if there is None or there[0] == happens:
+        return f"the same at {listed(either([site], [where.driver.kind], dataset), 'or')}"
+    return there[0].format(site=site.text, joint=f"J{where.driver.joint}")
+
+
+def _inspect(where: Place, dataset: Dataset) -> str:
+    """What to inspect at the sites of a location, those first that are not of the arm."""
+    each = sorted((where.site, *where.neighbours), key=lambda site: bool(site.number))
+    texts = {}
+    for site in each:
+        there = cause(replace(where, site=site))
+        name = listed(either([site], [where.driver.kind], dataset), "or")
+        texts[name] = there[1] if there else TIGHT
+    if len(texts) == 1:
+        return next(iter(texts.values()))
+    parts = [f"{name[:1].upper()}{name[1:]}: {text}" for name, text in texts.items()]
+    return " ".join((f"Look at {listed(texts)}: {ALIKE}.", *parts))
 
 
 def when(event: Event, dataset: Dataset) -> str:
@@ -143,7 +175,8 @@ def records(where: Place, dataset: Dataset) -> dict:
     if shown is None:
         return {}
     target = mostly(where, dataset)
-    remedy = f"Check {target} and what is certified of it. {shown[1]}" if target else shown[1]
+    remedy = _inspect(where, dataset)
+    remedy = f"Check {target} and what is certified of it. {remedy}" if target else remedy
     out: dict = {"words": sentence(where, dataset), "remedy": remedy}
     if where.event is not None:
         out["event"] = event_record(where.event, dataset)

@@ -13,12 +13,22 @@ from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, CONSTANT, Site
 from bayescal.estimate.unexplained import unexplained as left_by
 from bayescal.fitted import gate
-from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
+from bayescal.gap.result import MOVES, OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.model.model import length_blocks
 from bayescal.reporting.gap import per_vector
-from bayescal.reporting.gap.causes import PLAIN, beside_base, gains, sentence, site_text, sites, when
+from bayescal.reporting.gap.causes import (
+    ALIKE,
+    PLAIN,
+    beside_base,
+    either,
+    gains,
+    sentence,
+    site_text,
+    sites,
+    when,
+)
 from bayescal.reporting.text import SURE, listed, probability, rival, um
 from bayescal.statistics import grouped
 
@@ -46,12 +56,14 @@ def named(effect: Named, gap: Gap) -> str:
     if effect.sites or (who.startswith("every ") and not everywhere):
         named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
-    if BASE.kind in {site.kind for site in named_sites} and (also := _beside_base(effect, gap)):
-        them = "them" if len(named_sites) == 1 else f"the base and the {also}"
+    drivers = [w.driver.kind for w in gap.where if w.explained_by == effect.effect]
+    if who == BASE.text and drivers and MOVES.issuperset(drivers):
+        named_sites = (BASE,)
+    if len(named_sites) < 2:
+        who = _either(who, named_sites, effect.neighbours, drivers, gap.dataset)
+    elif BASE in named_sites and (also := beside_base(gap.dataset, drivers)):
         who = who.replace(BASE.text, f"{BASE.text} or the {also}")
-        who += f" (these data do not distinguish {them})"
-    if effect.neighbours:
-        who += f" or {together(effect.neighbours)} (these data do not distinguish them)"
+        who += f" (these data do not distinguish the base and the {also})"
     setting = effect.setting
     if effect.events:  # in the order of time; of several sites, each with its own
         several = len(set(effect.sites)) > 1 and len(effect.sites) == len(effect.events)
@@ -65,10 +77,13 @@ def named(effect: Named, gap: Gap) -> str:
     return f"{who} {words} ({effect.effect}, {p})"
 
 
-def _beside_base(effect: Named, gap: Gap) -> str:
-    """What is not distinguishable from the base that an effect acts at; "" if nothing."""
-    places = [w for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind]
-    return beside_base(gap.dataset, [w.driver.kind for w in places])
+def _either(
+    who: str, here: Sequence[Site], neighbours: Sequence[Site], drivers: Sequence[str], dataset: Dataset
+) -> str:
+    """Who has an error at one site, or at others as text, or a neighbour at which it would look the same."""
+    of_text = [] if len(here) == 1 else [who]
+    each = of_text + either((*here, *neighbours) if not of_text else neighbours, drivers, dataset)
+    return f"{listed(each, 'or')} ({ALIKE})" if len(each) > 1 else who
 
 
 def together(each: Sequence[Site]) -> str:
@@ -210,7 +225,10 @@ LIKELY = 0.05
 
 def _class(causes: CauseClass, gap: Gap) -> str:
     """A class as text: ``Class of causes: an error at joint 3 that varies with ...``."""
-    site = together(causes.sites)
+    kinds = [driver.kind for driver in causes.drivers]
+    located = (w for w in gap.where if (w.site,) == causes.sites and w.driver.course in causes.drivers)
+    alike = next((w.neighbours for w in located), ())
+    site = _either(together(causes.sites), causes.sites, alike, kinds, gap.dataset)
     by = listed(driver.text for driver in causes.drivers if driver != CONSTANT)
     varies = f" that varies with {by}" if by else ""
     each = [
@@ -219,9 +237,6 @@ def _class(causes: CauseClass, gap: Gap) -> str:
         if p >= LIKELY
     ]
     what = "Class of causes" if len(each) > 1 else "Cause"
-    also = beside_base(gap.dataset, [driver.kind for driver in causes.drivers])
-    if also and {s.kind for s in causes.sites} == {BASE.kind}:
-        site += f" or the {also} (these data do not distinguish them)"
     events = [e for n in gap.verdict.named if n.effect in causes.members for e in n.events]
     since = f", from {listed(when(e, gap.dataset) for e in events)} on" if events else ""
     return f"{what}: an error at {site}{varies}{since}: {' or '.join(each)}"

@@ -135,7 +135,7 @@ def _place(w: result.Place, gap: result.Gap) -> dict[str, Any]:
         | {"text": phrases.place(w, gap.dataset)}
         | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
         | ({} if gap.magnitude.excess_interval95[0] > 0 else {"share": None})
-        | {"explained_by": w.explained_by or None}
+        | {"explained_by": w.explained_by or None, "neighbours": list(map(str, w.neighbours))}
     )
 
 

@@ -4,9 +4,11 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 
 from bayescal.effects import EFFECTS
+from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, OTHER, VALIDATION_POINTS
 from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
+from bayescal.reporting.gap.causes import ALIKE
 from bayescal.reporting.gap.phrases import LIKELY
 from bayescal.reporting.origin import images_keys, images_sheet
 from bayescal.reporting.page import Fault, FirstScreen, Run, Section, blocks, common, texts
@@ -78,6 +80,8 @@ def faults(record: Json) -> list[Fault]:
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
         doubt = doubt_of(named)
         advice = FIRST if doubt or record["class"] else _remedy(named["effect"])
+        if neighbours := [Site.read(site).text for site in named["neighbours"]]:
+            advice = f"Check {text.listed(neighbours)} too: {ALIKE}. {advice}"
         out.append(Fault(f"{doubt}{name}", _stated(facts), advice))
     where, unmodelled = sheets.unexplained(record), record["verdict"] in sheets.UNMODELLED
     if (unmodelled and not may_be) or (where and "event" in where):
