@@ -342,6 +342,7 @@ def _diagnosed(
         amplitudes=either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ()),
         undecided=either("effects that are not told from each other", partial(undecided, last), ()),
         residuals=residuals_in_time(explained.baseline, final),
+        excluded=(explained.baseline.rejected, final.rejected),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *last.options.contrary,

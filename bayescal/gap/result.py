@@ -302,6 +302,7 @@ class Gap:
         np.ndarray, np.ndarray, np.ndarray
     ]  # rows of the session, before, after (m), fitted ones
     warnings: tuple[str, ...]
+    excluded: tuple[np.ndarray, np.ndarray]  # rows of the session, by the fits before and after
     amplitudes: tuple[Amplitude, ...] = ()  # of all named effects
     refit: tuple[str, ...] = ()  # the refitted model, in the form of --model
     still_without: tuple[Part, ...] = ()  # parts that the refitted model lacks

@@ -30,7 +30,6 @@ it is 1.2 at most, of interchanged joints of a UR5e 60 and 160, of two links 6."
 DRIVES = 0.2
 """Share of the torque of a joint (RMS) by friction that drives its motion, at which its sign is wrong: 0.9
 where it is; in 80 logs where it is not, friction resists the motion."""
-
 SCALES = (0.2, 5.0)
 """Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
 

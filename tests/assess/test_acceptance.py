@@ -60,7 +60,7 @@ def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=
 
 def test_tests_of_a_correct_model_fail_as_often_as_stated():
     """Each figure has its probability, and all of them together the level."""
-    sessions, p, failed, lost = 300, {}, 0, 0
+    sessions, p, failed, lost = 600, {}, 0, 0
     for k in range(sessions):
         rng = np.random.default_rng(k)
         v = checked(rng, draws=400)
@@ -383,6 +383,7 @@ def of_lengths(dataset: Dataset, factor: float) -> Dataset:
 LOOKS = "looks like it is"
 MISTAKES = {
     "ball diameter": (of_tools, ("ball_radius", 2.0), f"`ball_radius_mm` of `ball` {LOOKS} a diameter"),
+    "ball in m": (of_tools, ("ball_radius", 1e-3), f"`ball_radius_mm` of `ball` {LOOKS} in m"),
     "sphere radius": (of_diameters, (0.5,), f"all spheres and cylinders {LOOKS} a radius"),
     "one sphere": (of_diameters, (0.5, "ball.B"), f"`diameter_mm` of `ball.B` {LOOKS} a radius"),
     "twice the diameter": (of_diameters, (2.0,), f"{LOOKS} twice the diameter"),
@@ -390,7 +391,11 @@ MISTAKES = {
     "mass centre": (of_tools, ("centre_of_mass", 25.4), f"`ball` {LOOKS} multiplied by 25.4 once too often"),
     "mass centre in inches": (of_tools, ("centre_of_mass", 1 / 25.4), f"`ball` {LOOKS} in inches"),
     "certificates": (of_lengths, (1.01,), "the certified lengths together look too long by a factor of 1.0"),
-    "short certificates": (of_lengths, (0.99,), "lengths together look too short by a factor of 1.0"),
+    "short certificates": (
+        of_lengths,
+        (0.99,),
+        "the certified lengths together look too short by a factor of 1.0",
+    ),
 }
 
 

@@ -24,7 +24,16 @@ from bayescal.model import standing, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import _pose, changed_page, changed_record, items_csv, sized
+from bayescal.reporting.changed import (
+    _pose,
+    changed_page,
+    changed_record,
+    difference,
+    found_from,
+    items_csv,
+    sized,
+    words,
+)
 from bayescal.reporting.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -96,6 +105,13 @@ def test_gains_are_those_of_each_prior_width():
     assert averaged(gains(g, s)) == pytest.approx(np.log(np.mean(np.exp(expected))))
 
 
+def test_noise_is_a_factor_on_the_stated_one(sessions):
+    """Without the model errors, which the scale of the joint fit contains."""
+    d = bc.simulate(contacts=180, seed=5, **{**ARM, "effects": "geometry, backlash"}).dataset
+    found = changed([rows_of(d, np.arange(k, 180, 2), name) for k, name in enumerate("AB")], ("geometry",))
+    assert found.noise == pytest.approx((1.0, 1.0), abs=0.12)
+
+
 def once(function, named):
     """A function that is computed once for each of these names of its first argument."""
     done = {}
@@ -146,9 +162,7 @@ def test_two_sessions_in_the_other_order_have_the_same_changes_reversed(monkeypa
 
 
 def test_nothing_changed_between_sessions_of_one_arm(sessions):
-    found = changed(sessions[:2], ("geometry",), remounted=True)
-    assert {d.item.effect for d in found.detectable} >= {"geometry"}
-    assert "tool" not in {d.item.effect for d in found.detectable}
+    found = changed(sessions[:2], ("geometry",))
     assert (found.verdict, found.arm) == ("same", "same")
     assert not stated(found)
     known = [d for d in found.detectable if d.parameter.name == "theta4"]
@@ -156,20 +170,15 @@ def test_nothing_changed_between_sessions_of_one_arm(sessions):
 
 
 def test_model_errors_are_those_that_the_sessions_tell():
-    """An error of which the prior's mean is not zero, as of a spring, is none where there is none.
+    """An error of which the prior's mean is not zero, as of a spring, is none where there is none."""
 
-    The noise is without them, which the scale of the joint fit contains.
-    """
+    def errors(effects):
+        d = bc.simulate(contacts=140, seed=5, **{**ARM, "effects": effects}).dataset
+        parts = [rows_of(d, np.arange(k, 140, 2), name) for k, name in enumerate("AB")]
+        return dict(changed(parts, ("geometry", "compliance")).errors)
 
-    def found(effects, count):
-        d = bc.simulate(contacts=count, seed=5, **{**ARM, "effects": effects}).dataset
-        parts = [rows_of(d, np.arange(k, count, 2), name) for k, name in enumerate("AB")]
-        return changed(parts, ("geometry", "compliance"))
-
-    assert dict(found("geometry, compliance", 70).errors) == {}
-    eccentric = found("geometry, compliance, eccentricity", 140)
-    assert set(dict(eccentric.errors)) == {"eccentricity"}
-    assert eccentric.noise == pytest.approx((1.0, 1.0), abs=0.2)
+    assert errors("geometry, compliance") == {}
+    assert set(errors("geometry, compliance, eccentricity")) == {"eccentricity"}
 
 
 def test_a_joint_zero_that_shifted_is_named_with_its_u(crashed):
@@ -195,7 +204,7 @@ def test_a_session_that_alone_differs_is_found_among_three(sessions):
 
 
 def test_a_cube_that_was_placed_anew_is_not_a_change_of_the_arm(sessions):
-    other = bc.simulate(name="B", contacts=40, seed=6, **ARM).dataset
+    other = bc.simulate(name="B", contacts=60, seed=6, **ARM).dataset
     found = changed([sessions[0], other], ("geometry",))
     assert (found.verdict, found.arm) == ("changed", "same")
     assert {d.item.name for d in stated(found)} == {"base"}
@@ -311,6 +320,53 @@ def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", 
     } | more  # fmt: skip
 
 
+def said(verdict, items, arm="same", same=0.0):
+    return words(
+        {
+            "verdict": verdict,
+            "arm": arm,
+            "probability": {"same": same, "arm_same": 1.0},
+            "items": items,
+            "distances": None,
+            "sessions": ["before", "after"],
+            "detectable": [],
+            "model": ["geometry"],
+        }
+    )
+
+
+def test_the_words_of_a_verdict():
+    assert said("same", [], same=0.9) == [
+        "No change was found. That nothing changed has a probability of 90 %."
+    ]
+    pair = ("theta3", "a3")
+    both = [entry(name, p, True, pair) for name, p in zip(pair, (0.6, 0.39), strict=True)]
+    (told,) = said("changed", both, arm="changed")
+    assert told.startswith("Changed from after on: zero of joint 3 (theta3) by 10.0(1.0) mdeg or ")
+    assert told.endswith("these sessions do not tell which.")
+    base = entry("base", 1.0, True, kind="setup", site="base")
+    assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
+    assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]
+
+
+def test_what_would_have_been_found_is_a_range_of_what_is_visible():
+    """Of each kind of parameters, from the least to the most; invisible ones have no size, and are named."""
+
+    def found(**tcp):
+        each = [
+            {"item": name, "parameter": name, "effect": "geometry", "site": f"joint {k}", "unit": "deg",
+             "value": um and 1e-3, "tcp_um": um}
+            for k, (name, um) in enumerate(tcp.items(), 1)
+        ]  # fmt: skip
+        return found_from({"detectable": each, "items": [], "model": ["geometry"]})
+
+    seen, unseen = found(theta1=7.0, theta2=3.0, theta3=None, theta4=5.0)
+    assert seen.endswith("moved the TCP by: joint zeros 3 to 7 µm.")
+    assert unseen == "Not visible in these sessions: theta3."
+    assert found(theta1=4.0)[0].endswith("joint zeros 4 µm.")
+    assert found(theta1=None) == ["Not visible in these sessions: theta1."]
+
+
 @pytest.mark.parametrize(
     ("change", "u"), [((0.3, 0.4), (0.01, 0.05)), ((0.5, 0.0, 0.0), (0.02, 0.3, 0.3)), ((0.2,), (0.01,))]
 )
@@ -333,6 +389,28 @@ def test_the_expanded_uncertainty_of_a_displacement_is_that_of_its_vector():
         pose = _pose(Shift("1", np.array([1e-3, 2e-3, 2e-3]), along @ along.T))
         assert pose["length_um"] == pytest.approx(3000.0)
         assert pose["U_um"] == pytest.approx(2e6 * np.sqrt(np.mean(np.sum(errors**2, axis=0))), rel=0.03)
+
+
+def test_the_tool_of_one_session_alone_has_no_change(sessions):
+    """A tool that was remounted is measured in one session: there is nothing to compare it with."""
+    a, b, _ = sessions
+    result = changed([a, b], ("geometry",), remounted=True)
+    effects = {d.item.effect for d in result.detectable}
+    assert "geometry" in effects
+    assert "tool" not in effects
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "text"),
+    [
+        (1.1009, 0.0075, "+1101 ± 15 µm"),
+        (0.0387, 0.001, "+38.7 ± 2.0 µm"),
+        (-2.0, 0.08, "-2000 ± 160 µm"),
+        (0.00001, 0.001, "0.0 ± 2.0 µm"),
+    ],
+)
+def test_a_difference_has_the_decimals_of_its_expanded_uncertainty(value, u, text):
+    assert difference({"difference": value, "u": u, "unit": "mm"}) == text
 
 
 def test_an_arm_far_from_nominal_is_no_change(monkeypatch):

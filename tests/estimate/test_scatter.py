@@ -30,9 +30,10 @@ def told(session):
     return scatter_of(calibrated(Scene(session, oriented=True), ("geometry",)))
 
 
-def test_errors_of_readings_that_are_not_stated_are_found_and_then_known():
-    exact = images(1)
-    session = misread(exact, 1)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_errors_of_readings_that_are_not_stated_are_found_and_then_known(seed):
+    exact = images(seed)
+    session = misread(exact, seed)
     found = told(unstated(session))
     size = np.sqrt(np.mean((session.measurements.readings - exact.measurements.readings) ** 2))
     assert size == pytest.approx(STEP, rel=0.2)

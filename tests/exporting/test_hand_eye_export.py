@@ -156,7 +156,8 @@ def shifted(mount, row, held, base):
     return replace(session, measurements=replace(m, pixel=pixel))
 
 
-@pytest.mark.parametrize(("mount", "site"), [("flange", "tool"), ("fixed", "base")])
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+@pytest.mark.parametrize("site", ["tool", "base"])
 def test_what_slipped_is_where_it_is_at_the_end(mount, site):
     """What is on the flange, or the base, is shifted from the 11th image on; before it at the first row."""
     slip = pose(np.degrees([2e-4, -3e-4, 2.5e-4]), [2e-4, -1.5e-4, 2e-4])

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from camera_sessions import camera_session
 
+from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import _poses
-from bayescal.effects.location import BASE, Driver
+from bayescal.effects.location import BASE, CONSTANT, PROBE, TOOL, Driver
 from bayescal.gap.result import CauseClass, Event
+from bayescal.reporting.gap import measured_as
 from bayescal.reporting.gap.causes import beside_base, event_record, when
-from bayescal.reporting.gap.phrases import _class
+from bayescal.reporting.gap.phrases import _class, _separates
 
 
 @pytest.mark.parametrize(("mount", "other"), [("flange", "board"), ("fixed", "fixed camera")])
@@ -45,6 +47,23 @@ def test_a_class_names_its_event_and_what_is_not_distinguishable():
     assert "from image i2 (row 49) on" in text
 
 
+def test_a_payload_is_not_said_to_vary():
+    causes = CauseClass((TOOL,), (Driver("mass"),), {"payload": 0.6, "hardening": 0.3})
+    verdict = SimpleNamespace(named=(), causes=causes)
+    gap = SimpleNamespace(dataset=camera_session(images=4), verdict=verdict, advice=(), where=())
+    assert "varies with gravity of tool and payload" in _class(causes, gap)
+    assert _separates(gap) == "measurements at the same poses with another known mass on the flange"
+
+
+def test_a_constant_is_not_said_to_vary():
+    causes = CauseClass((PROBE,), (CONSTANT,), {"ball-radius": 0.5, "latency": 0.47})
+    verdict = SimpleNamespace(named=(), causes=causes)
+    gap = SimpleNamespace(dataset=camera_session(images=4), verdict=verdict, advice=(), where=())
+    members = "ball-radius (probability 0.50) or latency (probability 0.47)"
+    assert _class(causes, gap) == f"Class of causes: an error at the probe: {members}"
+    assert _separates(gap) == "measurements at other poses"
+
+
 @pytest.mark.parametrize(
     ("images", "words"), [(True, "too much alike"), (False, "18 different poses cannot")]
 )
@@ -58,3 +77,14 @@ def test_an_image_has_six_values(images, words):
     model = SimpleNamespace(size=50, scene=scene)
     session = SimpleNamespace(model=model, readings=readings, rows=rows, values_per_row=2.0)
     assert words in _poses(session)
+
+
+def test_directions_of_images():
+    seen = Directions(np.eye(3), np.array([1.0, 0.9, 0.05]), images=True)
+    assert in_words(seen) == "all images are taken along about z of the base"
+    assert in_words(replace(seen, images=False)) == "hardly a row looks along z of the base"
+
+
+def test_what_to_take_where_nothing_is_advised():
+    assert measured_as({"images": [{"target": "cam"}]}, []) == "image"
+    assert measured_as({"images": []}, []) == "contact"

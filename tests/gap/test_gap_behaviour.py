@@ -24,9 +24,13 @@ from bayescal.gap.search.verdict import decide
 
 STRONG = 150.0
 """Visible strength, lambda, at which an effect should be named."""
-COUNT = 120
-NAMED_EFFECTS = {"bending": 1, "payload": 2, "gear-mesh": 3, "plane-form": 6}
-"""One of each kind of driver that no other test names, and its seed."""
+COUNT = 160
+NAMED_EFFECTS = (
+    "hardening", "bending", "base-compliance", "payload", "eccentricity", "second-harmonic", "gear-mesh",
+    "backlash", "hysteresis", "encoder-scale", "coupling", "thermal-drift", "step", "lobing", "latency",
+    "plane-form",
+)  # fmt: skip
+"""Of the vocabulary except for what these contacts hardly show: the artefact and the ball's radius."""
 
 
 @pytest.fixture(scope="module")
@@ -44,22 +48,29 @@ def names(decision):
     return [m.effect for m in decision.members]
 
 
+def test_nothing_is_named_where_there_is_nothing(bench):
+    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(2)]
+    assert not any(named), [n for n in named if n]
+
+
 def test_gross_contacts_name_nothing(bench):
-    decision, _ = bench.decided(bench.made_up(100, gross=0.05))
-    assert decision.kind == "null"
-    assert decision.hypothesis.state.gross == pytest.approx(0.05 * COUNT, abs=1.0)
+    decided = [bench.decided(bench.made_up(100 + seed, gross=0.03))[0] for seed in range(2)]
+    assert all(d.kind == "null" for d in decided)
+    left_out = [d.hypothesis.state.gross for d in decided]
+    assert np.mean(left_out) == pytest.approx(0.03 * COUNT, abs=1.0)
 
 
-def test_gross_contacts_hide_no_effect(bench):
+@pytest.mark.parametrize("effect", ["latency", "second-harmonic"])
+def test_gross_contacts_hide_no_effect(bench, effect):
     """With them in the noise it is too small to be seen; without them it is as sure as without any."""
-    decision, _ = bench.decided(bench.made_up(5, bench.of_effect("latency", STRONG), gross=0.06))
-    assert (decision.kind, names(decision)) == ("named", ["latency"])
+    decision, _ = bench.decided(bench.made_up(5, bench.of_effect(effect, STRONG), gross=0.06))
+    assert (decision.kind, names(decision)) == ("named", [effect])
     assert decision.probability["null"] < 1e-6
 
 
 @pytest.mark.parametrize("effect", NAMED_EFFECTS)
 def test_every_effect_is_named(bench, effect):
-    k = NAMED_EFFECTS[effect]
+    k = NAMED_EFFECTS.index(effect)
     decision, _ = bench.decided(bench.made_up(250 + k, bench.of_effect(effect, STRONG, seed=k)))
     assert (decision.kind, names(decision)) == ("named", [effect])
     assert effect in decision.credible
@@ -67,10 +78,10 @@ def test_every_effect_is_named(bench, effect):
 
 
 def test_two_effects_at_once_are_both_named(bench):
-    pair = "lobing", "second-harmonic"
-    there = sum(bench.of_effect(e, 2 * STRONG, seed=10 + i) for i, e in enumerate(pair))
-    decision, _ = bench.decided(bench.made_up(301, there))
-    assert set(names(decision)) == set(pair)
+    for k, pair in enumerate((("backlash", "thermal-drift"), ("lobing", "second-harmonic"))):
+        there = sum(bench.of_effect(e, 2 * STRONG, seed=10 * k + i) for i, e in enumerate(pair))
+        decision, _ = bench.decided(bench.made_up(300 + k, there))
+        assert set(names(decision)) == set(pair)
 
 
 def test_a_name_is_kept_by_the_stated_margin_over_an_unmodelled_effect(bench, monkeypatch):
@@ -81,8 +92,6 @@ def test_a_name_is_kept_by_the_stated_margin_over_an_unmodelled_effect(bench, mo
     decision, search = bench.decided(p)
     best = decision.weighed[0]
     assert best.effects == ("backlash", "unknown")
-    place = bench.pool.cells[best.cell.cell]
-    assert (str(place.site), str(place.driver)) == ("joint 5", "past torque 5")
     (member,) = best.hypothesis.members
     start = best.hypothesis.state.weight
     full, bare = (
@@ -131,13 +140,19 @@ def past(c, joint, memory=90.0):
     return Term(joint, "rz", -kernel @ change)
 
 
-def test_what_sets_in_is_unknown_where_it_is(bench):
-    column = bench.slopes.columns([Parameter("", "rad", (beyond(bench.circumstances, 3, 5),), 1.0)])
+@pytest.mark.parametrize(
+    ("term", "site", "driver"),
+    [
+        (lambda c: beyond(c, 3, 5), "joint 3", "angle 5, beyond one place"),
+        (lambda c: past(c, 5), "joint 5", "past torque 5"),
+    ],
+)
+def test_what_sets_in_or_lags_is_unknown_where_it_is(bench, term, site, driver):
+    column = bench.slopes.columns([Parameter("", "rad", (term(bench.circumstances),), 1.0)])
     decision, _ = bench.decided(bench.made_up(3, bench.visible(column, 200.0, 0)))
     assert decision.kind == "unknown", decision.probability
     left = next(w for w in bench.places(decision) if not w.explained_by)
-    assert str(left.site) == "joint 3"
-    assert str(left.driver) in ("angle 5", "angle 5, beyond one place")
+    assert (str(left.site), str(left.driver)) == (site, driver)
 
 
 def test_drift_of_one_joint_is_that_of_the_joint_and_of_all_that_of_the_arm(bench):
@@ -182,6 +197,21 @@ def test_what_comes_after_a_first_name_is_less_likely(bench):
     one, two = decide(first, bench.pool).probability, decide(further, bench.pool).probability
     assert two["null"] > 3.0 * one["null"]
     assert sum(two[k] for k in two if k != "null") > 0
+
+
+def test_a_defect_at_one_place_is_unknown_at_its_joint(dense):
+    c, joint = dense.circumstances, 3
+    angle = c.q[:, joint - 1]
+    bump = np.exp(-0.5 * ((angle - np.quantile(angle, 0.4)) / 0.07) ** 2)
+    tooth = dense.slopes.columns([Parameter("tooth", "rad", (Term(joint, "rz", bump),), 1.0)])
+    p = dense.made_up(joint, dense.visible(tooth, 300.0, 0))
+    decision, _ = dense.decided(p)
+    assert decision.kind in ("unknown", "named+unexplained")
+    assert decision.probability["unknown"] > 0.5
+    found = dense.places(decision)
+    left = [w for w in found if not w.explained_by]
+    assert str(left[0].site) == f"joint {joint}"
+    assert left[0].family_p_value < 1e-3
 
 
 def test_places_of_what_is_left_are_told_beside_many_names(bench):
@@ -326,7 +356,7 @@ def moving(dataset, seed=0):
     ("by", "effects"), [("commands", ("unsettled", "backlash")), ("speeds", ("unsettled",))]
 )
 def test_each_is_named_as_what_it_is(cube, by, effects):
-    dataset = cube(seed=5, count=120).dataset
+    dataset = cube(seed=5, count=160).dataset
     bench = Bench.of(moving(dataset) if by == "commands" else dataset)
     for effect in effects:
         decision, _ = bench.decided(bench.made_up(1, bench.of_effect(effect, UNSETTLED_STRONG, seed=1)))

@@ -172,7 +172,9 @@ def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):
 WRONG = [
     ("rad", "deg", "mm", "mm", "`j1` to `j6` cannot be in deg: the numbers are 57 times too small; in rad"),
     ("deg", "rad", "mm", "mm", "`j1` to `j6` cannot be in rad: the numbers are 57 times too large; in deg"),
+    ("deg", "mrad", "mm", "mm", "`j1` to `j6` cannot be in mrad: .* in deg"),
     ("deg", "deg", "m", "mm", "`x` to `z` cannot be in mm: the numbers are 1000 times too small; in m"),
+    ("deg", "deg", "mm", "m", "`x` to `z` cannot be in m: the numbers are 1000 times too large; in mm"),
     ("deg", "deg", "in", "mm", "`x` to `z` cannot be in mm: the numbers are 25 times too small; in in"),
 ]
 
@@ -288,7 +290,7 @@ EVERY = 4
 
 
 @foreign.needs()
-@pytest.mark.parametrize("name", ["ur10-lasertracker"])
+@pytest.mark.parametrize("name", ["ur5-lasertracker", "ur10-lasertracker"])
 def test_a_tracker_and_its_reflector_are_found(name, tmp_path):
     """Neither is said, the arm is as drawn; and a wrong unit is told nevertheless."""
     data = read_dataset(foreign.REAL / name)

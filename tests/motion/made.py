@@ -48,7 +48,7 @@ joints:
 friction_transition_degps: 1.719
 payload: {centre_of_mass_mm: [150, 0, 20], radius_of_gyration_mm: 30}
 """
-RATE, SECONDS = 60.0, 6.0
+RATE, SECONDS = 60.0, 9.0
 SIGMA = np.array([0.08, 0.08, 0.04])
 
 

@@ -27,6 +27,10 @@ from bayescal.reporting.page.build import run_page
 BUMP = 0.4
 
 
+def delay(q, dq, ddq, tau, t, load):
+    return -0.006 * np.gradient(tau, 1.0 / RATE, axis=0)
+
+
 def payload(q, dq, ddq, tau, t, load):
     gravity = 0.15 * 0.2 * 9.81  # 0.2 kg at 0.15 m of the last axis, in the plane of the arm
     outer = bool(load) * gravity * np.cos(q[:, 1] + q[:, 2])
@@ -45,9 +49,9 @@ def bump(q, dq, ddq, tau, t, load):
 @pytest.fixture(scope="module")
 def gaps(tmp_path_factory, null_log, rubbing):
     folder = tmp_path_factory.mktemp("gaps")
-    made = {f.__name__: write(folder / f.__name__, f) for f in (payload, constants, bump)}
-    made |= {"null": null_log, "late": write(folder / "late", late=(0.0, 0.008, 0.0))}
-    return {name: bc.diagnose(path, without=[]) for name, path in made.items()} | {"load_friction": rubbing}
+    made = {f.__name__: write(folder / f.__name__, f) for f in (delay, payload, constants, bump)}
+    found = {name: bc.diagnose(path, without=[]) for name, path in {"null": null_log, **made}.items()}
+    return found | {"load_friction": rubbing}
 
 
 def test_of_a_null_log_nothing_is_named(gaps):
@@ -63,15 +67,15 @@ def test_the_shift_of_torques_is_that_of_the_baseline(gaps, null_estimate):
     shift = null_estimate.model.shift[0]
     assert shift != 0.0
     gap, found = gaps["null"].data, gaps["null"].record["torque_shift_ms"]
-    assert found == pytest.approx(1e3 * shift, rel=0.1)
+    assert found == pytest.approx(1e3 * shift, rel=0.05)
     part, *others = gap.estimate.parts
     stated = replace(part, log=replace(part.log, alignment=part.log.alignment + 0.25))
     late = replace(gap, estimate=replace(gap.estimate, parts=(stated, *others)))
     assert of_log.motion_record(late)["torque_shift_ms"] == pytest.approx(found + 250.0)
 
 
-def test_the_alignment_that_check_advises_is_that_of_a_late_log(tmp_path):
-    """Torques that are 10 ms later than positions."""
+def test_the_alignment_that_check_advises_makes_a_late_log_a_null_log(tmp_path):
+    """Torques that are 10 ms later than positions: `check`, `fit` and `gap` give it one sign."""
     folder = write(tmp_path / "late", late=0.01)
     (finding,) = [f for f in bc.check(folder).data.findings if f.code == "delay"]
     assert "later than positions" in finding.what
@@ -79,27 +83,29 @@ def test_the_alignment_that_check_advises_is_that_of_a_late_log(tmp_path):
     file = folder / "dataset.yaml"
     file.write_text(file.read_text() + f"clock: {{alignment_ms: {advised}}}\n")
     assert "delay" not in [f.code for f in bc.check(folder).data.findings]
-
+    assert "delay" not in bc.diagnose(folder, without=[]).effects
     file.write_text(file.read_text().replace(f"{advised}", "-10"))
     (finding,) = [f for f in bc.check(folder).data.findings if f.code == "delay"]
     assert "stated is -10 ms" in finding.what
 
 
-def test_a_delay_of_one_joint_is_at_that_joint(gaps, tmp_path):
+@pytest.mark.parametrize("stated", [0.0, -8.0])
+def test_a_delay_of_one_joint_is_at_that_joint(tmp_path, stated):
     """Where the stated clock is wrong too, each joint has its own; what remains is no larger than before."""
     folder = write(tmp_path / "late", late=(0.0, 0.008, 0.0))
     file = folder / "dataset.yaml"
-    file.write_text(file.read_text() + "clock: {alignment_ms: -8}\n")
-    one, every = gaps["late"], bc.diagnose(folder, without=[])
-    for gap in (one, every):
-        assert gap.effects == ("delay",)
-        assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
-    a = one.amplitudes.iloc[0]
-    assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=5e-4))
-    assert every.amplitudes.site[0] == "log"
-    sizes = [p["value"] for p in every.record["amplitudes"][0]["components"].values()]
-    assert sizes == pytest.approx([0.008, 0.016, 0.008], abs=1e-3)
-    assert "joint 2 1" in every.record["words"][0]
+    file.write_text(file.read_text() + f"clock: {{alignment_ms: {stated}}}\n")
+    gap = bc.diagnose(folder, without=[])
+    assert gap.effects == ("delay",)
+    a = gap.amplitudes.iloc[0]
+    if stated:
+        assert a.site == "log"
+        sizes = [p["value"] for p in gap.record["amplitudes"][0]["components"].values()]
+        assert sizes == pytest.approx([0.008, 0.016, 0.008], abs=1e-3)
+        assert "joint 2 1" in gap.record["words"][0]
+    else:
+        assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=2e-4))
+    assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
 
 
 def test_the_size_of_an_elasticity_is_as_uncertain_as_the_torque_of_the_gear(tmp_path):
@@ -191,13 +197,16 @@ def test_what_only_withheld_motions_show_has_its_size_and_no_name(tmp_path):
     assert "would, but fitted motions do not show it" in gap.record["words"][0]
 
 
-def test_an_effect_is_named_with_its_size(gaps):
-    gap = gaps["payload"]
-    assert (gap.verdict, gap.effects) == ("named", ("payload",))
+@pytest.mark.parametrize(
+    ("log", "effect", "site", "size"), [("delay", "delay", "log", 0.006), ("payload", "payload", "tool", 0.2)]
+)
+def test_an_effect_is_named_with_its_size(gaps, log, effect, site, size):
+    gap = gaps[log]
+    assert (gap.verdict, gap.effects) == ("named", (effect,))
     a = gap.amplitudes.iloc[0]
-    assert a.site == "tool"
-    assert a.value == pytest.approx(0.2, abs=max(4 * a.u, 0.04))
-    assert gap.probability["payload"] > 0.9
+    assert a.site == site
+    assert a.value == pytest.approx(size, abs=max(4 * a.u, 0.2 * size))
+    assert gap.probability[effect] > 0.9
 
 
 def test_a_cause_in_all_joints_has_a_value_in_each(gaps):
@@ -225,7 +234,7 @@ def test_friction_that_grows_with_load_is_found_at_its_joint(gaps):
     assert "load-friction" in gap.effects
     assert gap.where.iloc[0].site == "joint 2"
     s = gap.shrinkage
-    assert s.after_rms_Nm.iloc[1] < 0.75 * s.before_rms_Nm.iloc[1]
+    assert s.after_rms_Nm.iloc[1] < 0.7 * s.before_rms_Nm.iloc[1]
     assert gap.record["shrinkage"]["torque"]["removed"] > 0.7
 
 
@@ -258,7 +267,7 @@ def test_the_record_follows_the_contract(gaps):
 
 
 def test_a_run_folder_is_read_back(gaps, tmp_path):
-    gap = gaps["late"]
+    gap = gaps["delay"]
     files = ("gap.json", "gap.html", "next-motions.csv", "next-motions.yaml", "arm.yaml", "dataset")
     assert gap.save(tmp_path / "run") == files
     with pytest.raises(BayescalError, match="of sessions, and this is the run of a joint log"):
@@ -284,7 +293,7 @@ def test_a_run_folder_is_read_back(gaps, tmp_path):
         left = np.array(w[f"{key}_Nm"], float)
         assert left.shape == (3, len(w["time_s"]))
         rms = np.sqrt(np.nanmean(left**2, axis=1))
-        assert rms == pytest.approx(s[f"{key}_rms_Nm"], rel=0.2)
+        assert rms == pytest.approx(s[f"{key}_rms_Nm"], rel=0.15)
 
 
 def test_a_log_without_signed_torques_is_not_assessed(null_log):

@@ -226,7 +226,7 @@ def test_motions_at_uneven_times_are_sampled_evenly(null_log):
     log = read_log(null_log)
     even = all_signals(log)[0]
     m = log.motions[0]
-    keep = np.sort(np.random.default_rng(0).choice(len(m.time), 320, replace=False))
+    keep = np.sort(np.random.default_rng(0).choice(len(m.time), 480, replace=False))
     keep[0], keep[-1] = 0, len(m.time) - 1
     uneven = replace(m, **{k: getattr(m, k)[keep] for k in ("time", "position", "torque", "payload")})
     s = all_signals(replace(log, motions=(uneven, *log.motions[1:])))[0]

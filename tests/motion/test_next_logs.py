@@ -5,12 +5,34 @@ import re
 import numpy as np
 import pytest
 
-from bayescal.motion.diagnose import TO_DO
-from bayescal.motion.effects import Scale
-from bayescal.motion.quantities import Ranges, cells
+from bayescal.motion.diagnose import TO_DO, to_do
+from bayescal.motion.effects import Form, Scale
+from bayescal.motion.quantities import UNKNOWN, Ranges, cells
 from bayescal.motion.signals import derivative
 from bayescal.preparing.next_motions import Bounds, MotionPlan
 from bayescal.reporting.motion.fit import plan_record
+
+
+@pytest.mark.parametrize(
+    ("site", "driver", "said"),
+    [
+        ("log", "oscillation, 0.91 Hz", "at half and at full speed, and look for what swings"),
+        ("joint 1", "angle of joint 1, 47.4 waves a turn whose phase changes", "joint 1 alone, slowly, over"),
+        ("joint 2", "oscillation, 3.2 Hz", "what swings"),
+        ("joint 3", "direction times angle of joint 2", "move joint 3 alone, with joint 2 at three angles"),
+        ("joint 3", "angle of joint 3", "move joint 3 alone, slowly, over its whole range"),
+        ("joint 6", "way since the reversal", "move joint 6 alone, slowly, with reversals"),
+        ("joint 1", "acceleration times time since the motion began", "after a pause of a minute"),
+        ("log", "rate of torque times time", "stamps of one clock"),
+        ("tool", "force on the tool", "without them"),
+        ("joint 2", "direction", "move joint 2 alone at constant speed, in both directions"),
+    ],
+)
+def test_each_quantity_has_what_to_do(site, driver, said):
+    text = to_do(Form(UNKNOWN, site, driver))
+    assert said in text
+    assert f"what varies with {driver}" in text
+    assert "{" not in text
 
 
 def test_every_general_function_has_a_line_of_its_own(null_estimate):

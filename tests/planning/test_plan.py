@@ -457,7 +457,7 @@ def folder(tmp_path_factory):
     return made
 
 
-@pytest.mark.parametrize("artefact", ["cube", "tracker"])
+@pytest.mark.parametrize("artefact", ["cube", "bar", "tracker"])
 def test_a_fit_finds_the_true_arm(folder, artefact, tmp_path):
     simulated = bc.simulate(setup=folder(artefact), **OPTIONS)
     simulated.save(tmp_path / "session")

@@ -104,6 +104,16 @@ def result(session, remembered):
     return remembered["fit"](session, samples=0)
 
 
+def test_a_fit_prints_itself(result):
+    assert repr(result).startswith(
+        "<calibration of simulated: geometry, compliance; predicted distance error"
+    )
+    assert "\n" not in repr(result)
+    assert "model explains validation data" in str(result)
+    assert "<table" in result._repr_html_()
+    assert "&lt;calibration" in result._repr_html_()
+
+
 def test_parameters_are_those_of_the_estimate(result):
     table, found = result.parameters, result.data.final.estimate
     model = found.model

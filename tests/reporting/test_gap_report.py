@@ -40,7 +40,7 @@ from bayescal.gap.result import (
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap import improved, pair_of, where_sheet, worse
+from bayescal.reporting.gap import effects_sheet, improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.causes import CAUSES, sentence
 from bayescal.reporting.gap.phrases import headline, named, place
 from bayescal.reporting.gap.record import gap_record, write_gap
@@ -288,7 +288,7 @@ CASES = {
 }
 
 
-DRAWN = ("single plane, no time",)
+DRAWN = ("named", "single plane, no time")
 """Cases whose pictures are drawn here; `test_figures` draws the others."""
 
 
@@ -615,7 +615,11 @@ def test_every_site_that_looks_the_same_is_stated_with_what_to_inspect(session):
     found = replace(found, verdict=replace(found.verdict, named=(first,)))
     words = "joint 6 or the tool (these data do not distinguish them) has lost motion on reversal"
     assert named(first, found).startswith(words)
-    assert faults(gap_record(found))[0].remedy.startswith("Check the tool too: ")
+    (fault, *_) = faults(record := gap_record(found))
+    assert fault.remedy.startswith("Check the tool too: ")
+    assert dict(fault.facts)["location"] == "joint 6 or the tool"
+    cells = effects_sheet(record).items
+    assert next(row[3] for row in cells if row[0] == "backlash") == "joint 6 or the tool"
 
 
 @pytest.mark.parametrize(("other", "said"), [(0.1, True), (1.0, False)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from influences import check_written, unseen
 
-from bayescal.reporting import check, comparison, motion, watch
+from bayescal.reporting import check, comparison, fleet, motion, watch
 from bayescal.reporting.gap import table_of_contacts
 from bayescal.reporting.origin import hand_eye_lines
 from bayescal.reporting.page import Run, build
@@ -147,3 +147,18 @@ def test_the_band_of_residuals_is_twice_the_expected_one(monkeypatch):
     assert "Grey band: twice the expected residual" in legend.text
     assert [band for _, band in drawn] == [2.0 * x for x in floor]
     assert len(figures.drawings) == 2
+
+
+def test_an_arm_of_a_fleet_has_the_uncertainty_of_its_last_session():
+    sizes = (
+        {"expanded_U_um": 50.0, "measured_rms_um": 20.0},
+        {"expanded_U_um": 40.0, "measured_rms_um": 10.0},
+    )
+    sessions = [
+        {"session": f"s{k}", "arm": "a", "robot": "ur5e", "fit": of, "effects": []}
+        for k, of in enumerate(sizes)
+    ]
+    model = SimpleNamespace(arms=("a",), robot="ur5e", unlike=(), changed=(), gains={"a": 3.0})
+    (arm,) = fleet._arms(sessions, (model,))
+    assert {key: arm[key] for key in sizes[1]} == sizes[1]
+    assert arm["sessions"] == ["s0", "s1"]

@@ -65,8 +65,7 @@ def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
     if group in AGAIN:
         repeats, count = noise_again(final, group)
-        more = repeats is not None and f_sf((repeats / (scale * stated)) ** 2, count, dof) < P_VALUE
-        if repeats is not None and not more:
+        if repeats is not None and not f_sf((repeats / (scale * stated)) ** 2, count, dof) < P_VALUE:
             return NoiseFloor(repeats, float(count), "images" if group == IMAGE else "repeats")
     if dof < OUTCOME.fewest_dof or chi2_sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
         return NoiseFloor(stated, STATED_WORTH, "stated")

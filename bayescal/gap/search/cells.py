@@ -342,6 +342,7 @@ def _artefacts(c: Circumstances) -> Iterator[Cell]:
     of contact in F0. In one placement a piece may move; its mean displacement there is a wrong certificate.
     """
     pieces = {name for name, *_ in c.pieces}
+    of_all = {name.partition("@")[0] for name in pieces if "@" in name}  # placements, beside each of them
     order = np.arange(len(c.q), dtype=float)
     clocks = {
         "time": order if c.time is None else c.time,
@@ -357,15 +358,14 @@ def _artefacts(c: Circumstances) -> Iterator[Cell]:
         on, site = rows * c.touching, face(name)
         axes = makers.SHIFTS, (*makers.SHIFTS, *makers.TURNS)
         ways = [makers.displaced({0: some}, rows) for some in axes]
-        of_one = name in pieces and not any(other.startswith(f"{name}@") for other in pieces)
-        if np.any(on[mine]) and "@" not in (name if of_one else ""):
+        of_one = name in pieces - of_all
+        if np.any(on[mine]) and not (of_one and "@" in name):
             ways.append(partial(_grown, on))
             forms = tuple(at_contact(on, f) for f in (pointing[:5], pointing))
             yield Cell(site, Driver("contact direction"), forms)
-        for kind, clock in clocks.items() if name not in pieces or of_one else ():
+        for kind, clock in clocks.items() if name not in of_all & pieces else ():
             if clock is not None and (waves := smooth(clock, mine, 2)):
-                means = [np.mean(w[mine]) if of_one else 0.0 for w in waves]
-                moved = [w - mean for w, mean in zip(waves, means, strict=True)]
+                moved = [w - np.mean(w[mine]) for w in waves] if of_one else waves
                 sets = (tuple(p for w in moved for p in move(w)) for move in ways)
                 yield Cell(site, Driver(kind), tuple(sets))
 

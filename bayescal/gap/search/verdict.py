@@ -173,7 +173,7 @@ def _alike(search: Search, h: Hypothesis) -> Iterator[Related]:
                 for v in search.candidates.variants[m.effect]
                 if v.sites == m.variant.sites and shown not in _kinds(v)
             ]
-            loss = max(h.state.log_evidence - max(nats, default=-np.inf), 0.0)
+            loss = max(h.state.log_evidence - max(nats, default=h.state.log_evidence), 0.0)
         yield Related(m, m.variant.places[0][1], float(np.log(VERDICT.same_form)) - loss, alike=True)
 
 

@@ -99,8 +99,9 @@ def of_gap(record: Json, when: str) -> Errors:
     if rows is None:  # in the order of time, as `residuals`
         rows = {"id": list(value), "time_s": None, "target": [""] * len(value)}
     every = np.array([value.get(name, np.nan) for name in rows["id"]], float)
-    excluded = rows.get({"before": "rejected_before", "after": "rejected"}[when], np.zeros(len(every)))
-    kind = np.where(np.array(excluded, bool), "rejected", "fitted")
+    flags = entries.get(f"excluded_{when}", [False] * len(entries["id"]))
+    excluded = [name for name, flag in zip(entries["id"], flags, strict=True) if flag]
+    kind = np.where(np.isin(rows["id"], excluded), "rejected", "fitted")
     return _ordered(rows, every, np.array(rows["target"]), kind, most, record["gap"]["noise_um"])
 
 

@@ -28,9 +28,14 @@ def amplitudes_of(record: Json, effect: str) -> list[Json]:
     return [a for a in amplitudes if a["significant"]] or amplitudes
 
 
-def sites_of(amplitudes: Sequence[Json]) -> str:
-    """Their sites, each once."""
-    return ", ".join(dict.fromkeys(site_of(a["site"]) for a in amplitudes))
+def location_of(record: Json, effect: str) -> str:
+    """The sites of a named effect, each once, and where it would look the same; "" of any other."""
+    named = next((n for n in record["named"] if n["effect"] == effect), None)
+    if named is None:
+        return ""
+    sites = dict.fromkeys(site_of(a["site"]) for a in amplitudes_of(record, effect))
+    here = ", ".join(sites) or site_of(named["site"])
+    return " or ".join((here, *map(site_of, named["neighbours"])))
 
 
 def unexplained(record: Json) -> Json | None:
@@ -100,7 +105,7 @@ def effects_sheet(record: Json) -> Sheet:
     least, place, items = _detectable(record), unexplained(record), []
     for name, p in sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0)):
         some = amplitudes_of(record, name)
-        size, location, part = sizes_of(some), sites_of(some), share_of(record, name)
+        size, location, part = sizes_of(some), location_of(record, name), share_of(record, name)
         if place and name == OTHER:
             size, location, part = size_of(record, place), place["text"], text.share(place["share"])
         stated = text.MISSING if p is None else text.probability(p)

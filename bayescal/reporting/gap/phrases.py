@@ -33,7 +33,7 @@ from bayescal.reporting.text import SURE, listed, probability, rival, um
 from bayescal.statistics import grouped
 
 UNNAMED = "Largest location without a name"
-NO_PLACE = "at no location that is significant"
+NOWHERE = "no location that is significant"
 COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
 """A column of a session in the reason why an effect was not assessed."""
 MOST = 0.5
@@ -157,7 +157,7 @@ def headline(gap: Gap) -> list[str]:
     """The verdict: a line for each effect, or the alternatives, or that there is none."""
     verdict = gap.verdict
     where = unexplained(gap)
-    there = f"at {place(where, gap.dataset)}" if where and where.family_p_value < PLAIN else NO_PLACE
+    there = f"at {place(where, gap.dataset) if where and where.family_p_value < PLAIN else NOWHERE}"
     likely = [
         f"More likely than not, but not named: {rival(n)} (probability {probability(verdict.probability[n])})"
         for n in unnamed(verdict)

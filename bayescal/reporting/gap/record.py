@@ -251,8 +251,10 @@ def _residuals(gap: result.Gap) -> dict[str, Any]:
     """The data of `gap-residuals.png`."""
     rows, before, after = gap.residuals
     ids = gap.dataset.measurements.ids
+    excluded = zip(("before", "after"), gap.excluded, strict=True)
     return {
         "id": [ids[row] for row in rows],
+        **{f"excluded_{when}": np.isin(rows, of) for when, of in excluded},
         "before_um": np.round(UM * before, DIGITS),
         "after_um": np.round(UM * after, DIGITS),
     }

@@ -59,7 +59,7 @@ def size_of(a: Amplitude) -> str:
     return f"{a.part} {size_text(a.value, a.u, a.unit)}".strip()
 
 
-CORRECT = "Correct the log first; see the warnings. Then diagnose it again."
+CORRECT = "Correct what the warnings state of the log, or of the masses of its robot. Then diagnose it again."
 
 
 def motion_record(gap: MotionGap) -> dict[str, Any]:

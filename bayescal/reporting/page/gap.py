@@ -9,7 +9,7 @@ from bayescal.gap.result import MARGINS, OTHER, VALIDATION_POINTS
 from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
 from bayescal.reporting.gap.causes import ALIKE
-from bayescal.reporting.gap.phrases import LIKELY
+from bayescal.reporting.gap.phrases import LIKELY, NOWHERE
 from bayescal.reporting.origin import images_keys, images_sheet
 from bayescal.reporting.page import Fault, FirstScreen, Run, Section, blocks, common, texts
 from bayescal.reporting.page.svg import DRAWN, draw_arm, marked_sites
@@ -72,7 +72,7 @@ def faults(record: Json) -> list[Fault]:
     for named in record["named"]:
         amplitudes = sheets.amplitudes_of(record, named["effect"])
         facts = [
-            ("location", sheets.sites_of(amplitudes) or sheets.site_of(named["site"])),
+            ("location", sheets.location_of(record, named["effect"])),
             ("size", sheets.sizes_of(amplitudes)),
             ("probability", text.probability(named["probability"])),
             ("share of the excess", sheets.share_of(record, named["effect"])),
@@ -87,7 +87,7 @@ def faults(record: Json) -> list[Fault]:
     if (unmodelled and not may_be) or (where and "event" in where):
         p = record["probability"].get(sheets.OTHER)
         facts = [
-            ("location", where["text"] if where else "no single location"),
+            ("location", where["text"] if where else NOWHERE),
             ("size", sheets.size_of(record, where) if where else ""),
             ("probability", "" if p is None else text.probability(p)),
             ("share of the excess", text.share(where["share"]) if where else ""),

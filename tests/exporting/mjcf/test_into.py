@@ -34,7 +34,9 @@ def written(effects, into: Path = SCENE):
     return arm, export(arm, "mjcf", into=str(into), force=True)
 
 
-@pytest.mark.parametrize("effects", [("geometry",), BASE, (*EVERY, "bending")])
+@pytest.mark.parametrize(
+    "effects", [("geometry",), BASE, (*BASE, "base-compliance"), (*BASE, "bending"), (*EVERY, "bending")]
+)
 def test_simulator_has_the_fitted_arm(effects):
     arm = drawn("universal-robots-ur5e", effects)
     off, _ = differences(arm, 8, patched(arm, SCENE))
@@ -197,9 +199,11 @@ def test_every_effect_of_a_coupled_arm(effects):
     assert size > 2e-6  # there is an effect to hold
 
 
-def test_another_arm():
-    off, _ = differences(drawn("unimation-puma560", EVERY), POSES)
-    assert np.max(off) < limit(EVERY)
+@pytest.mark.parametrize("robot", ["universal-robots-ur5e", "franka-panda", "unimation-puma560"])
+def test_other_arms(robot):
+    effects = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
+    off, _ = differences(drawn(robot, effects), POSES)
+    assert np.max(off) < limit(effects)
 
 
 def test_a_stand_with_axes_of_its_own():
