@@ -1,8 +1,7 @@
 """A complete diagnosis: fit, search, verdict, refit, and all results.
 
 Effects are named and confirmed first (`explain`): baseline, compliance where it was missing, refit, errors on
-validation data. Then the model
-levels are fitted: nominal, the baseline effect by effect, and each named effect.
+validation data. Then the model levels are fitted: nominal, the baseline by effects, and each named effect.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins, residuals_in_time
-from bayescal.gap.outcome.statements import amplitudes, displaced, warnings
+from bayescal.gap.outcome.statements import amplitudes, displaced, warnings, wrong_masses
 from bayescal.gap.result import Advice, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
@@ -318,9 +317,10 @@ def _diagnosed(
     if wide is None or arm is not final:
         of_final = either("the stated uncertainty of the refit", lambda: stated(final).limited, None)
     of_final = final.covariance if of_final is None else of_final
-    lacking = either(
-        "what is not determined", lambda: undetermined(final, identifiability(final, of_final)), ()
-    )
+    of_masses = partial(wrong_masses, decision.hypothesis.state, stated_masses(last.fitted))
+    masses = either("errors of the stated masses", of_masses, "")
+    determined = partial(undetermined, final)
+    lacking = either("what is not determined", lambda: determined(identifiability(final, of_final)), ())
     reduction: tuple[Shrinkage, ...] = ()
     if decision.members or explained.promoted:
         compare = partial(shrinkage, before, after, noise.sd, of_shrinkage, noise.dof)
@@ -346,6 +346,7 @@ def _diagnosed(
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *last.options.contrary,
+            *filter(None, (masses,)),
             *warnings(explained.baseline, final, before, after, lacking, explained.unsure),
             *lost,
         ),
@@ -358,16 +359,15 @@ def _diagnosed(
         rigid=rigid,
         undetermined=lacking,
         scatter=last.scatter,
+        masses=masses,
     )
 
 
 def _advice(last: Examined) -> tuple[Advice, ...]:
     """What to measure next, by pairs of hypotheses that may use errors of the stated masses."""
     plain = without_nuisance(last.problem, last.fitted.model.size + len(stated_masses(last.fitted)))
-    pairs = [
-        (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
-        for a, b in rivals(last)
-    ]
+    states = [[replace(h, state=again(h.state, plain)) for h in pair] for pair in rivals(last)]
+    pairs = [(one, other) for one, other in states]
     return advise(last.fitted, last.candidates, pairs)
 
 

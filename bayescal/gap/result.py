@@ -315,3 +315,4 @@ class Gap:
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model
     scatter: Scatter | None = None  # errors that every image has anew, and that no effect explains
     unlocated: tuple[str, ...] = ()  # validation targets that cannot be located: left out
+    masses: str = ""  # what errors of the stated masses explain, as a sentence

@@ -1,5 +1,6 @@
 """The ladder's gains, and margins that find where the residuals stand out."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,7 +11,11 @@ from made_up_errors import NOISE, held
 from scipy.stats import chi2
 from sessions import kept_back, misread, with_columns
 
+from bayescal.effects.gravity import masses
 from bayescal.estimate import estimate
+from bayescal.estimate.families import with_compliances
+from bayescal.gap.linear.problem import problem
+from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.magnitude import (
     Level,
     NoiseFloor,
@@ -24,6 +29,7 @@ from bayescal.gap.outcome.magnitude import (
     shrinkage,
 )
 from bayescal.gap.outcome.margins import holm, margins, residuals_in_time
+from bayescal.gap.outcome.statements import wrong_masses
 from bayescal.gap.search.verdict import Decision
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
@@ -70,6 +76,32 @@ def test_the_same_model_again_gains_nothing(rungs):
     last = rungs[-1]
     _, again = model_levels([last, last])
     assert (again.delta_elpd, again.delta_elpd_se) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 3.0, -5.0])
+def test_errors_of_masses_that_explain_residuals_are_stated(rungs, shift):
+    """They were part of noise only in silence: "the model explains these data"."""
+    fitted = rungs[2].fitted
+    scene = fitted.model.scene
+    of = masses(with_compliances(scene.circumstances(scene.rows("calibrate")), fitted))
+    p = problem(fitted, (), of)
+    k = [q.name for q in of].index("centre of load x")
+    by = p.jacobian[:, fitted.model.size + k] * shift
+    rng = np.random.default_rng(1)
+    p = replace(p, residual=rng.standard_normal(len(p.residual)) - by)
+    said = wrong_masses(fit_state(p, (), ()), of)
+    if not shift:
+        assert said == ""
+        return
+    value, u = map(float, re.search(r"one of (\S+) ± (\S+) mm: centre of load x", said).groups())
+    assert abs(value - 1e3 * of[k].sd * shift) < 3 * u + 0.1  # two digits
+    assert u < abs(value) / 3
+    before, after, nats = map(float, re.search(r"of (\S+) µm RMS are (\S+), (\d+) nats", said).groups())
+    assert before > 1.1 * after
+    assert after == pytest.approx(4.2, rel=0.15)  # 5 µm, of fewer degrees of freedom
+    count = p.count
+    gained = count * np.log(before / after)
+    assert nats == pytest.approx(gained, abs=0.2 * gained + 10)
 
 
 def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):

@@ -20,6 +20,8 @@ from bayescal.effects.location import CONSTANT, DEVIATION, Value, propagated
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 from bayescal.estimate.unexplained import stated_noise
+from bayescal.gap.linear.problem import without_nuisance
+from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.magnitude import difference, log_predictive
 from bayescal.gap.result import TOGETHER, Amplitude, Named
 from bayescal.gap.search.unknown import CellFit, Pool
@@ -98,6 +100,45 @@ def cautions(dataset: Dataset) -> Iterator[str]:
             "the readings are commanded, not measured: servo errors are not distinguishable from backlash "
             "(direction of motion) and compliance (torque)"
         )
+
+
+BY_MASSES = 8.0
+"""Nats that errors of masses gain, from which on they are stated (tuned: noise only has 4 at most)."""
+DETERMINED = 3.0
+"""Standard uncertainties of an error of a mass from which on it is stated by itself (convention)."""
+
+
+def wrong_masses(state: State, masses: Sequence[Parameter]) -> str:
+    """What errors of the stated masses explain beside a hypothesis, which includes them; "" if little.
+
+    Parameters
+    ----------
+    state : State
+        The hypothesis, with the errors of masses last among the columns of its model.
+    masses : sequence of Parameter
+        Those errors.
+    """
+    p, size = state.problem, len(state.problem.z) - len(masses)
+    bare = without_nuisance(p, size)
+    fits = [fit_state(bare, state.columns, state.scales, w, state.robust) for w in (None, state.weight)]
+    as_stated = max(fits, key=lambda fit: fit.log_evidence)
+    gained = state.log_evidence - as_stated.log_evidence
+    if not masses or gained < BY_MASSES:
+        return ""
+    kept = (state.weight[: p.lengths] > 0) & (as_stated.weight[: p.lengths] > 0)
+    before, after = (1e6 * rms(p.metres(fit.residual)[kept]) for fit in (as_stated, state))
+    last = slice(size, len(p.z))
+    z, u = (p.z + state.step[: len(p.z)])[last], np.sqrt(np.diag(state.covariance)[last])
+    k = int(np.argmax(np.abs(z) / u))
+    unit, by = ("%", 100.0) if masses[k].unit == "1" else UNITS[masses[k].unit]
+    by, most = by * masses[k].sd, ""
+    if abs(z[k]) > DETERMINED * u[k]:
+        most = f" (most clearly one of {by * z[k]:.2g} ± {by * u[k]:.1g} {unit}: {masses[k].name})"
+    return (
+        f"the stated masses and centres of mass do not fit: with errors of them{most}, residuals of "
+        f"{before:.3g} µm RMS are {after:.3g}, {gained:.0f} nats more probable; the arm is fitted with them "
+        "as stated: weigh the tool, find its centre of mass, and correct what the files state"
+    )
 
 
 def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:

@@ -292,6 +292,9 @@ def _nothing(gap: Gap) -> str:
     size = gap.magnitude.measured[:1]
     loose = bool(size) and size[0].predicted_rms > OUTCOME.loose * gap.magnitude.noise
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
+    if gap.masses:
+        beyond = f"; errors of {listed(odd)} are larger than the model predicts" if odd else ""
+        return f"{conclusion} but errors of the stated masses (see the warning){beyond}"
     if odd:
         why = "; these measurements do not show why" if loose else ""
         return f"{conclusion}, but errors of {listed(odd)} are larger than the model predicts{why}"
