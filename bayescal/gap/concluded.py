@@ -135,9 +135,10 @@ def _named(member: Member, d: Decision, e: Examined) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
     where = beside(member, d.hypothesis, e.candidates.pool, e.circumstances, e.slopes)
+    terms = d.hypothesis.terms_with(member)
     return Named(
         v.effect, model_name(member, e.candidates), v.sites, setting, supported(d.probability[v.effect]),
-        d.lost(v.effect), v.effect not in d.unclaimed, neighbours=where,
+        d.lost(v.effect), v.effect not in d.unclaimed, (), where, tuple(m.effect for m in terms),
     )  # fmt: skip
 
 

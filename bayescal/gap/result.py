@@ -140,6 +140,7 @@ class Named:
     confirmed: bool = True  # False where it makes the validation data less probable
     events: tuple[Event, ...] = ()  # of sudden changes
     neighbours: tuple[Site, ...] = ()  # where an error would look the same
+    terms_with: tuple[str, ...] = ()  # named effects with which it fits any function of its coordinate
 
     @property
     def site(self) -> str:

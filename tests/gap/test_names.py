@@ -501,9 +501,16 @@ def test_an_effect_may_be_several_times_larger_than_expected():
     assert 0.5 < usual - larger < 2.5
 
 
-def decided(columns, contribution, cell):
-    """The decision on a made-up problem with one cell of one column (R, 1), elsewhere than the effects."""
+def decided(columns, contribution, cell, orders=()):
+    """The decision on a made-up problem with one cell of one column (R, 1), elsewhere than the effects.
+
+    These are waves of so many `orders` of one angle.
+    """
     search = search_of(problem(columns, contribution))
+    for k, order in enumerate(orders):
+        (v,) = search.candidates.variants[f"effect {k}"]
+        wave = ((joint(2), Driver("angle", 2, order)),)
+        search.candidates.variants[f"effect {k}"] = (replace(v, places=wave),)
     search.run()
     shape = Cell(joint(3), Driver("angle", 3), ((),))
     return decide(search, Pool(cell, (np.array([0]),), ROWS, cells=(shape,), owner=np.array([0])))
@@ -516,6 +523,16 @@ def test_a_name_that_an_unmodelled_effect_makes_needless_is_dropped(what, kind, 
     found = decided(named, (named + rest)[:, 0], named + rest if what == "all" else rest)
     assert found.weighed[0].effects == ("effect 0", "unknown")
     assert (found.kind, [m.effect for m in found.members]) == (kind, ["effect 0"] * names)
+
+
+@pytest.mark.parametrize(("orders", "terms"), [((1.0, 2.0), True), ((1.0, 100.0), False)])
+def test_waves_of_an_angle_are_terms_of_a_function_but_for_many_a_turn(orders, terms):
+    """An encoder scale beside a gear mesh of the same joint was a class of the two."""
+    columns = 45 * UNIT[:, :2]
+    found = decided(columns, columns.sum(axis=1), UNIT[:, 9:10], orders)
+    assert (found.kind, len(found.members)) == ("class" if terms else "named", 2)
+    one, other = found.members
+    assert found.hypothesis.terms_with(one) == ((other,) if terms else ())
 
 
 @pytest.mark.parametrize(("size", "certain", "named"), [(0.085, False, 1), (0.15, True, 2), (0.35, True, 2)])

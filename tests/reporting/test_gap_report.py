@@ -561,6 +561,11 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     record = gap_record(replace(gap, **unchanged, verdict=verdict))
     assert record["words"][0].startswith(word)
     assert record["named"][0]["possible"] == word.startswith("Possible") == (", but " in record["words"][0])
+    terms = replace(verdict, named=(replace(verdict.named[0], terms_with=("gear-mesh", "bending")),))
+    first, *_ = gap_record(replace(gap, **unchanged, verdict=terms))["words"]
+    doubt = "with gear-mesh and bending it fits any function of its coordinate"
+    assert first.startswith("Possible effect: ")
+    assert (f", but {doubt}" in first) == confirmed
 
 
 def of_targets(kinds, target):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,6 +10,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from bayescal.effects import EFFECTS
+from bayescal.effects.location import FOLDED, Driver, Site
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weighed_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state
@@ -58,16 +57,25 @@ class Hypothesis:
     @property
     def series(self) -> tuple[Member, ...]:
         """Effects that share all their sites and coordinates with others: terms that fit any function."""
-        places = [{(site, driver.course) for site, driver in m.variant.places} for m in self.members]
-        count = Counter(itertools.chain.from_iterable(places))
-        return tuple(
-            m for m, of in zip(self.members, places, strict=True) if of and all(count[one] > 1 for one in of)
-        )
+        return tuple(m for m in self.members if self.terms_with(m))
+
+    def terms_with(self, member: Member) -> tuple[Member, ...]:
+        """Other effects that share all sites and coordinates of one; none where they lack some of them.
+
+        Many waves a turn are no term of a function of the angle: they depend on the angle within one wave.
+        """
+        shared, mine = [m for m in self.members if m is not member and _of(m) & _of(member)], _of(member)
+        return tuple(shared) if mine and mine <= set().union(*map(_of, shared)) else ()
 
     @property
     def score(self) -> float:
         """Log of evidence times prior."""
         return self.log_evidence + self.log_prior
+
+
+def _of(member: Member) -> set[tuple[Site, Driver, bool]]:
+    """Sites and coordinates of an effect, and whether it has many waves there."""
+    return {(site, driver.course, driver.order > FOLDED) for site, driver in member.variant.places}
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,9 @@ GAIN = 3.0
 
 
 def possible(gap: Gap, named: Named) -> str:
-    """Why a named effect is only possible: by validation, or without a significant amplitude; else ""."""
+    """Why a named effect is only possible: by validation, its form, or its amplitudes; else ""."""
+    if named.terms_with:
+        return f"with {listed(named.terms_with)} it fits any function of its coordinate"
     nats, se = gains(gap).get(named.effect, (np.nan, np.nan))
     clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
     if not named.confirmed:
@@ -125,7 +127,7 @@ PROVEN, TIMES_U = 0.99, 4.0
 
 def established(gap: Gap, named: Named) -> str:
     """What establishes a named effect where few validation rows show no change of RMS; "" if nothing."""
-    if not named.confirmed:
+    if not named.confirmed or named.terms_with:
         return ""
     nats, se = gains(gap).get(named.effect, (np.nan, np.nan))
     times = _times_u(gap, named)
