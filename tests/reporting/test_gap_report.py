@@ -565,7 +565,7 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     first, *_ = gap_record(replace(gap, **unchanged, verdict=terms))["words"]
     doubt = "with gear-mesh and bending it fits any function of its coordinate"
     assert first.startswith("Possible effect: ")
-    assert (f", but {doubt}" in first) == confirmed
+    assert f", but {doubt}" in first
 
 
 def of_targets(kinds, target):
