@@ -57,8 +57,22 @@ def freed(residual: np.ndarray, leverage: np.ndarray, weight: np.ndarray) -> np.
     Notes
     -----
     The error of a prediction from all other measurements is (I - w H)^-1 r, of covariance I + H (I - w H)^-1;
-    their quadratic form is r' [(I - w H) (I + (1 - w) H)]^-1 r.
+    their quadratic form is r' [(I - w H) (I + (1 - w) H)]^-1 r. Where the fit leaves nearly nothing of a
+    residual, its eigenvalues have a limit.
     """
+    if residual.shape[1] > 2:  # a solution takes a fifth of the time of the eigenvalues
+        spared = weight * np.trace(leverage, axis1=1, axis2=2) < 1.0 - LEAST_SPARE
+        out, one = np.empty(len(residual)), np.eye(residual.shape[1])
+        r, h, w = residual[spared], leverage[spared], weight[spared, None, None]
+        covariance = (one - w * h) @ (one + (1.0 - w) * h)
+        out[spared] = np.einsum("ci,ci->c", r, np.linalg.solve(covariance, r[..., None])[..., 0])
+        out[~spared] = _limited(residual[~spared], leverage[~spared], weight[~spared])
+        return out
+    return _limited(residual, leverage, weight)
+
+
+def _limited(residual: np.ndarray, leverage: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The chi-squares of `freed` by eigenvalues, each with at least `LEAST_SPARE` of its variance left."""
     if residual.shape[1] == 1:
         share, square = leverage[:, 0], residual**2
     elif residual.shape[1] == 2:  # in closed form: of many, `eigh` takes far longer
