@@ -11,11 +11,9 @@ put the board is named.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
-from bayescal.arm.hand_eye import HandEye
 from bayescal.dataset import cameras
 from bayescal.dataset.cameras import stated
 from bayescal.dataset.types import Dataset
@@ -37,6 +35,8 @@ STEP = 1e-3
 
 Change = tuple[str, tuple[str, ...], str, np.ndarray, Dataset]
 """In words, its place in dataset.yaml, the remedy, the rows concerned (N,), the session that then holds."""
+Tried = Iterator[tuple[str, str, np.ndarray, Dataset]]
+"""Changes of one camera, without the place."""
 
 
 def changes(dataset: Dataset) -> Iterator[Change]:
@@ -44,17 +44,13 @@ def changes(dataset: Dataset) -> Iterator[Change]:
     m = dataset.measurements
     for k, t in enumerate(dataset.targets):
         rows = np.flatnonzero(m.target == k)
-        if t.kind == "camera" and len(rows):
-            where, every = ("targets", t.name), m.target == k
-            for what, remedy, other in chain(
-                _resolutions(dataset, k, rows), _other_lens(dataset, k, rows), _shutters(dataset, k, rows)
-            ):
-                yield what, where, remedy, every, other
-            for what, remedy, concerned, other in _neighbours(dataset, k, rows):
-                yield what, where, remedy, concerned, other
+        tried = (_resolutions, _other_lens, _shutters, _neighbours)
+        for changes_of in tried if t.kind == "camera" and len(rows) else ():
+            for what, remedy, concerned, other in changes_of(dataset, k, rows):
+                yield what, ("targets", t.name), remedy, concerned, other
 
 
-def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:
+def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
     """A lens that was calibrated with images of another size."""
     t, m = dataset.targets[target], dataset.measurements
     _, before, stated = cameras.closed_form(dataset, target, rows, m.readings)
@@ -70,17 +66,17 @@ def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tu
         remedy = (
             f"divide fx_px, fy_px, cx_px and cy_px by {factor:.3g}, or calibrate with images of this size"
         )
-        yield what, remedy, other
+        yield what, remedy, m.target == target, other
 
 
-def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:
+def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
     """A lens with focal lengths or an optical axis far from those stated, as of images that were cropped."""
-    t, readings = dataset.targets[target], dataset.measurements.readings
-    values = cameras.best_lens(dataset, target, rows, readings, WIDE)
+    t, m = dataset.targets[target], dataset.measurements
+    values = cameras.best_lens(dataset, target, rows, m.readings, WIDE)
     if values is None:
         return
     other = cameras.with_lens(dataset, target, values)
-    before, after = (cameras.pixels_off(of, target, rows, readings) for of in (dataset, other))
+    before, after = (cameras.pixels_off(of, target, rows, m.readings) for of in (dataset, other))
     if before is None or after is None or _usual(after[0]) > _usual(before[0]) / FALLS:
         return  # images that cannot be placed are not off
     start, u = cameras.lens_numbers(cameras.lens_of(t)), np.concatenate([stated(t).focal, stated(t).centre])
@@ -91,14 +87,14 @@ def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tup
             f"the images of `{t.name}` were taken with another lens or part of the sensor: {', '.join(each)}"
         )
         remedy = "calibrate the camera with images of this size and crop, at this focus"
-        yield what, remedy, other
+        yield what, remedy, m.target == target, other
 
 
 def _usual(off: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(off, axis=1)))
 
 
-def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:
+def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
     """Images whose lines are of different times, if the session has the speeds of the joints."""
     m, t = dataset.measurements, dataset.targets[target]
     if m.velocity is None or m.pixel is None or not np.any(m.velocity[rows]):
@@ -107,7 +103,9 @@ def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple
     if solution is None:
         return
     later = m.readings[rows] + STEP * m.velocity[rows]
-    now, then = (_pixels(dataset, target, rows, q, solution) for q in (m.readings[rows], later))
+    flanges = (cameras.flange_poses(dataset, q) for q in (m.readings[rows], later))
+    poses = (solution.predicted(flange, cameras.carried(t)) for flange in flanges)
+    now, then = (cameras.projected(t, pose, m.pixel[rows, 2]) for pose in poses)
     speed = (then - now) / STEP
     line, middle = m.pixel[rows, 1], float(np.mean(m.pixel[rows, 1]))
     for time in LINES:
@@ -119,12 +117,10 @@ def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple
                 f"{1e6 * time:.0f} µs a line)"
             )
             remedy = "take the images with the arm at rest, or with a global shutter"
-            yield what, remedy, replace(dataset, measurements=replace(m, pixel=pixel))
+            yield what, remedy, m.target == target, replace(dataset, measurements=replace(m, pixel=pixel))
 
 
-def _neighbours(
-    dataset: Dataset, target: int, rows: np.ndarray
-) -> Iterator[tuple[str, str, np.ndarray, Dataset]]:
+def _neighbours(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
     """Images that are off, with the joint readings of the image before or after them."""
     m, t = dataset.measurements, dataset.targets[target]
     seen = cameras.closed_form(dataset, target, rows, m.readings)[0]
@@ -140,16 +136,6 @@ def _neighbours(
         what += f"the joint readings of the image {which}"
         remedy = "pair images and joint readings anew: rows were shifted"
         yield what, remedy, concerned, replace(dataset, measurements=replace(m, readings=readings))
-
-
-def _pixels(
-    dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray, solution: HandEye
-) -> np.ndarray:
-    """Corners (C, 2), px, as the hand-eye has them at readings (C, n)."""
-    t, m = dataset.targets[target], dataset.measurements
-    assert m.pixel is not None
-    poses = solution.predicted(cameras.flange_poses(dataset, readings), cameras.carried(t))
-    return cameras.projected(t, poses, m.pixel[rows, 2])
 
 
 NEAR = 0.05

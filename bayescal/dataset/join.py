@@ -157,14 +157,10 @@ def arm_difference(first: Dataset, second: Dataset) -> str:
         return f"serial number {there}, not {here}"
     if _stands(one) != _stands(other):
         return "the link that stands still is another one"
-    for field in fields(Robot):
-        if field.name in NOT_THE_ARM:
-            continue
-        here, there = getattr(one, field.name), getattr(other, field.name)
-        name = field.name.replace("_", " ")
-        if here is None and there is None:
-            continue
-        if here is None or there is None:
+    for field in (f.name for f in fields(Robot) if f.name not in NOT_THE_ARM):
+        here, there = getattr(one, field), getattr(other, field)
+        name = field.replace("_", " ")
+        if (here is None) != (there is None):
             return f"{name} given for one of them only"
         if not isinstance(here, np.ndarray):
             if here != there:

@@ -43,11 +43,9 @@ def measurements_of(
 def _check_ids(table: Table) -> None:
     ids = table.cells["id"]
     table.first(np.array([not i for i in ids]), "`id` is empty", "give every row an id of its own")
-    first: dict[str, int] = {}
-    for row, name in enumerate(ids):
-        if first.setdefault(name, row) != row:
-            line = table.line[first[name]]
-            raise table.error(row, f"id `{name}` is given twice", f"the first is in line {line}; rename one")
+    _, first, of = np.unique(ids, return_index=True, return_inverse=True)
+    twice, remedy = first[of] != np.arange(len(ids)), "the first is in line {line}; rename one"
+    table.first(twice, "id `{id}` is given twice", remedy, line=table.line[first[of]])
 
 
 def _indices(table: Table, column: str, names: list[str]) -> np.ndarray:
@@ -94,10 +92,8 @@ def _check_kinds(
     kind = np.array([t.kind for t in targets])[rows.target]
     no_ball = np.array([t.ball_radius is None for t in tools])[rows.tool]
     bad = np.array([KINDS[t.kind].touched for t in targets])[rows.target] & no_ball
-    if bad.any():
-        row = int(np.argmax(bad))
-        what = f"{kind[row]} `{targets[rows.target[row]].name}` touched with `{tools[rows.tool[row]].name}`"
-        raise table.error(row, f"{what}, which has no ball", "add `ball_radius_mm` to the tool")
+    what, names = "{kind} `{target}` touched with `{by}`, which has no ball", [t.name for t in tools]
+    table.first(bad, what, "add `ball_radius_mm` to the tool", kind=kind, by=np.array(names)[rows.tool])
     reads = np.array([KINDS[t.kind].reads for t in targets])[rows.target]
 
     def check_cells(field: str, needed: tuple[str, ...], further: tuple[str, ...] = ()) -> None:
@@ -144,12 +140,11 @@ def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], 
     """Every row knows its standard uncertainty: its own, or the stated one of its kind."""
     of = np.array([KINDS[t.kind].noise for t in targets])[rows.target]
     in_row = np.zeros(len(of), bool) if rows.u is None else np.isfinite(rows.u)
-    stated_of = (("contact_mm", noise.contact, of == "contact"), ("point_mm", noise.point, of == "point"))
-    for key, stated, which in stated_of:
-        if stated is None:
-            what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{key}`"
-            remedy = f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row"
-            table.first(which & ~in_row, what, remedy)
+    for kind in ("contact", "point"):
+        if getattr(noise, kind) is None:
+            what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{kind}_mm`"
+            remedy = f"add `{kind}_mm` to `noise` in dataset.yaml, or `u_mm` to the row"
+            table.first((of == kind) & ~in_row, what, remedy)
 
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
@@ -210,11 +205,8 @@ def read_parts(
     bare, document, contents = read_settings(folder / SETTINGS, robot)
     units = bare.robot.units
     table = table_of(content_of_table(folder) if rows is None else rows, TABLE, units)
-    dataset = replace(
-        bare,
-        measurements=measurements_of(table, units, bare.tools, bare.targets, bare.noise),
-        sha256=_digest(document.content, table.content, *contents),
-    )
+    m = measurements_of(table, units, bare.tools, bare.targets, bare.noise)
+    dataset = replace(bare, measurements=m, sha256=_digest(document.content, table.content, *contents))
     for index, target in enumerate(dataset.targets):
         if (prepared := KINDS[target.kind].prepared) is not None:
             dataset = prepared(dataset, index, table, document)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayescal.arm.shapes import FIXED, Box, Capsule, Shape, ball
-from bayescal.arm.transforms import cone, cross
+from bayescal.arm.transforms import cone, cross, rigid
 from bayescal.dataset.types import Patch, Target
 
 LOWEST = np.radians(88.0)
@@ -204,11 +204,9 @@ def sphere(target: Target, region: Region) -> tuple[Shape, ...]:
 def wall(target: Target, region: Region) -> tuple[Shape, ...]:
     """A thin wall behind a face."""
     normal, half = vector(target, "normal"), np.linalg.norm(region.half, axis=1)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([*(region.half / half[:, None]), normal])
-    pose[:3, 0] *= np.sign(np.linalg.det(pose[:3, :3]))
-    pose[:3, 3] = region.centre - THICK * normal
-    return (Box(pose, np.append(half, THICK)),)
+    axes = np.column_stack([*(region.half / half[:, None]), normal])
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    return (Box(rigid(axes, region.centre - THICK * normal), np.append(half, THICK)),)
 
 
 def pin(target: Target, region: Region) -> tuple[Shape, ...]:

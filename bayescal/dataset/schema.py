@@ -3,7 +3,7 @@
 import datetime
 from contextlib import suppress
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal, Union, get_args
 
 from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
@@ -261,13 +261,8 @@ class DatasetFile(Keys):
     """Free text: origin, licence, notes."""
 
 
-CERTIFICATES: dict[str, type[Keys]] = {
-    "parallel": Parallel,
-    "perpendicular": Perpendicular,
-    "distance": Between,
-    "diameter": Diameter,
-    "flat": Flat,
-}
+_CERTIFICATES: tuple[type[Keys], ...] = (Parallel, Perpendicular, Between, Diameter, Flat)
+CERTIFICATES = {get_args(model.model_fields["kind"].annotation)[0]: model for model in _CERTIFICATES}
 """Model of each kind of certificate."""
 
 

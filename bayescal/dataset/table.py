@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,11 +81,15 @@ class Table:
         """What is wrong in a row, with its line."""
         return BayescalError(what, f"{self.name}:{self.line[row]}", remedy)
 
-    def first(self, bad: np.ndarray, what: str, remedy: str = "") -> None:
-        """Refuse the first row where `bad` (N,) holds; ``{column}`` in the texts stands for its cell."""
+    def first(self, bad: np.ndarray, what: str, remedy: str = "", **values: Any) -> None:
+        """Refuse the first row where `bad` (N,) holds.
+
+        ``{column}`` in the texts stands for its cell, ``{name}`` for its entry in one of `values` (N,).
+        """
         if bad.any():
             row = int(np.argmax(bad))
             cells = {k: shown(v[row]) for k, v in self.cells.items()}
+            cells |= {k: v[row] for k, v in values.items()}
             raise self.error(row, what.format_map(cells), remedy.format_map(cells))
 
     def numbers(self, column: str, needed: bool) -> np.ndarray:
@@ -93,16 +98,14 @@ class Table:
         empty = np.array([not c for c in cells])
         if needed:
             self.first(empty, f"`{column}` is empty", "fill the cell in")
-        wrong = np.array([bool(c) and not _is_number(c) for c in cells])
+        wrong = np.array([bool(c) and not is_written_number(c) for c in cells])
         self.first(wrong, f"`{column}` is not a number: '{{{column}}}'", "write a plain number")
         values = np.array([float(c) if c else np.nan for c in cells])
         what = f"`{column}` is {{{column}}}, not a finite number"
         self.first(~np.isfinite(values) & ~empty, what, "correct the cell or remove the row")
         low, high = range_of(column)
         wrong = (values < low) | (values > high)
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise self.error(row, outside(column, (values[row],)), "check the number and its unit")
+        self.first(wrong, outside(column, values[wrong]), "check the number and its unit")
         return values * si(column)
 
     def optional(self, column: str) -> np.ndarray | None:
@@ -140,11 +143,8 @@ def _with_angles(table: Table) -> Table:
     there = ~np.isnan(quaternions).all(axis=1)
     size = np.linalg.norm(np.where(there[:, None], quaternions, 0.5), axis=1)
     table.first(np.isnan(size), "the quaternion is not complete", "fill in qw, qx, qy and qz, or none")
-    wrong = np.abs(size - 1.0) > UNIT_LENGTH
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        what = f"the quaternion has the length {size[row]:.4g}, not 1"
-        raise table.error(row, what, "check the columns: qw is the real part")
+    what = "the quaternion has the length {size:.4g}, not 1"
+    table.first(abs(size - 1.0) > UNIT_LENGTH, what, "check the columns: qw is the real part", size=size)
     w, cross = quaternions[there, :1, None], cross_matrix(quaternions[there, 1:])
     turns = [rpy_of(m) for m in np.eye(3) + 2.0 * (w * cross + cross @ cross)]
     angles = np.full((len(there), 3), "", object)
@@ -200,7 +200,8 @@ def cells_of(
     return Table(name, dict(zip(header, columns, strict=True)), np.array(lines[1:]), content)
 
 
-def _is_number(cell: str) -> bool:
+def is_written_number(cell: str) -> bool:
+    """Whether a cell is a number, also one that is not finite."""
     try:
         float(cell)
     except ValueError:

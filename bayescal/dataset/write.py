@@ -74,19 +74,14 @@ def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[
         Columns that only one of both has and that have no empty cell: they are left out.
     """
     table, lost = stacked([m, later])
+    of_later = np.arange(len(table["ids"])) >= len(m.ids)
     for name in LABELS:
-        if table[name] is not None:
-            table[name] = _relabelled(table[name], len(m.ids))
+        if (labels := table[name]) is not None:
+            again = of_later & (labels != "") & np.isin(labels, labels[~of_later])
+            table[name] = np.where(again, np.char.add(labels, ".later"), labels)
     if table["time"] is not None and np.min(later.time) <= np.max(m.time):  # type: ignore[arg-type]
         table["time"][len(m.ids) :] += np.max(m.time) + PAUSE - np.min(later.time)  # type: ignore[arg-type]
     return Measurements(**table), lost
-
-
-def _relabelled(labels: np.ndarray, before: int) -> np.ndarray:
-    """Labels (N,) of which those from a row on differ from those before it."""
-    earlier, later = labels[:before].tolist(), labels[before:].tolist()
-    taken_names = set(earlier) - {""}
-    return np.array([*earlier, *(f"{label}.later" if label in taken_names else label for label in later)])
 
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
@@ -159,17 +154,20 @@ def _text(key: str, value: np.ndarray | float | str) -> str:
         return scalar(value)
     if np.ndim(value) == 2:
         return flow_list([_text(key, row) for row in np.asarray(value)])
-    stem, unit = stem_of(key)
-    values = np.atleast_1d(value) / si(key)
-    if stem == "u" or stem.startswith("u_"):
-        texts = [number(v, UNCERTAINTY) for v in values]
-    else:
-        texts = [_rounded(v, DECIMALS.get(unit, DIRECTION)) for v in values]
+    texts = _numbers(key, np.atleast_1d(value))
     return flow_list(texts) if np.ndim(value) else texts[0]
 
 
-def _rounded(value: float, decimals: int) -> str:
-    return number(round(float(value), decimals), 15)
+def _numbers(key: str, values: np.ndarray) -> list[str]:
+    """Numbers (N,) in SI as a key or column writes them: in its unit, rounded; nan is empty."""
+    stem, unit = stem_of(key)
+    # the column `u_px` is a coordinate
+    of_u, decimals = key != "u_px" and f"{stem}_".startswith("u_"), DECIMALS.get(unit, DIRECTION)
+
+    def text(value: float) -> str:
+        return number(value, UNCERTAINTY) if of_u else number(round(value, decimals), 15)
+
+    return ["" if math.isnan(v) else text(v) for v in (np.asarray(values, float) / si(key)).tolist()]
 
 
 def _keys(model: type[Model], of: object) -> Keys:
@@ -194,16 +192,12 @@ def tool_keys(tool: Tool) -> Keys:
 def target_keys(target: Target) -> Keys:
     """The entry of a target."""
     yield "kind", target.kind
-    values: dict[str, np.ndarray | float | None] = {}
-    kind = KINDS[target.kind]
-    keys = kind.keys
+    keys, optional = KINDS[target.kind].keys, KINDS[target.kind].optional
     yield from _keys_of((key, target.texts[key]) for key in keys if key in target.texts)
-    for key in keys:
-        stem = stem_of(key)[0]
-        if key not in target.texts and (stem in target.values or key not in kind.optional):
-            values[key] = target.values[stem]
-    values |= {"u_mm": target.u, "u_rad": target.u_angle}
-    yield from _keys_of((k, v) for k, v in values.items() if v is not None and not np.isnan(v).any())
+    given = dict.fromkeys((stem_of(key)[0] for key in optional), np.nan) | target.values
+    of_kind = ((key, given[stem_of(key)[0]]) for key in keys if key not in target.texts)
+    values = (*of_kind, ("u_mm", target.u), ("u_rad", target.u_angle))
+    yield from _keys_of((k, v) for k, v in values if v is not None and not np.isnan(v).any())
 
 
 def certificate_keys(certificate: Certificate) -> Keys:
@@ -287,15 +281,6 @@ def _settings(dataset: Dataset, robot: str) -> str:
     return "\n".join(block_lines(block)) + "\n"
 
 
-def _cells(column: str, values: np.ndarray) -> list[str]:
-    """Cells of one column of numbers in SI; nan is an empty cell."""
-    in_file = (np.asarray(values, float) / si(column)).tolist()
-    if column == "u_mm":
-        return ["" if math.isnan(v) else number(v, UNCERTAINTY) for v in in_file]
-    decimals = DECIMALS.get(stem_of(column)[1], 0)
-    return ["" if math.isnan(v) else _rounded(v, decimals) for v in in_file]
-
-
 def table_text(dataset: Dataset, name_tool: bool = False) -> str:
     """The content of measurements.csv, in the contract's order of columns; `name_tool`: also an only tool."""
     rows = dataset.measurements
@@ -308,6 +293,6 @@ def table_text(dataset: Dataset, name_tool: bool = False) -> str:
         if values is not None and field in LABELS:
             columns[field] = map(str, values)
         elif values is not None:
-            block = values[:, None].T if values.ndim == 1 else values.T
-            columns |= {name: _cells(name, column) for name, column in zip(names, block, strict=True)}
+            each = zip(names, np.atleast_2d(values.T), strict=True)
+            columns |= {name: _numbers(name, column) for name, column in each}
     return csv_text(columns, zip(*columns.values(), strict=True))

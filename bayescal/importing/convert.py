@@ -90,10 +90,8 @@ def _folded(said: dict[str, Column]) -> dict[str, Column]:
 def _source(column: Column) -> str:
     if column.constant:
         return f"'{column.name}'"
-    if column.turn:
-        return f"{column.name} {column.turn}" + (f" {column.unit.name}" if column.unit else "")
     unit = column.stamp or (column.unit.name if column.unit else "")
-    return f"{column.name} {unit}".strip()
+    return " ".join(filter(None, (column.name, column.turn, unit)))
 
 
 def unit_words(wrong: Suspicion, columns: Columns) -> str:

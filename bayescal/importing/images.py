@@ -91,18 +91,18 @@ def convert_images(request: Request) -> Draft:
     notes = [f"board not found in: {listed(without_board, 6)}"] if without_board else []
     if unread := sorted({p.name for p in _files(request.log)} - {p.name for p in images.values()}):
         notes.append(f"without joint readings, not used: {listed(unread, 6)}")
-    session, lens = _session(cv2, request, base, board, used, readings, size)
+    rows = {name: k for k, name in enumerate(readings.cells["image"])}
+    place = np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])
+    session, lens = _session(cv2, request, base, board, used, readings, place, size)
     if request.board.startswith("checkerboard") and (turned := _turned(session)):
         used = [replace(f, pixel=f.pixel[::-1]) if f.name in turned else f for f in used]
-        session, lens = _session(cv2, request, base, board, used, readings, size)
+        session, lens = _session(cv2, request, base, board, used, readings, place, size)
         words = f"numbered from the other end of the board, as the arm tells: {listed(sorted(turned), 6)}"
         notes.append(words)
     session, roles = roles_of(request, session, False)
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
-    rows = {name: k for k, name in enumerate(readings.cells["image"])}
-    line = readings.line[np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])]
     return Draft(
-        session, text, (*notes, *lens, roles), log=readings.name, line=line,
+        session, text, (*notes, *lens, roles), log=readings.name, line=readings.line[place],
         beside={PICTURE: _picture(cv2, images, used)},
     )  # fmt: skip
 
@@ -262,11 +262,12 @@ def _tag(detector: Any, grey: np.ndarray) -> Corners:
 
 def _session(
     cv2: Any, request: Request, base: Dataset, board: Board, used: Sequence[Found], readings: Table,
-    size: tuple[int, int],
+    place: np.ndarray, size: tuple[int, int],
 ) -> tuple[Dataset, tuple[str, ...]]:  # fmt: skip
-    """The session, with the mount that the images fit, and what a user should know of the lens."""
-    rows = {name: k for k, name in enumerate(readings.cells["image"])}
-    place = np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])
+    """The session, with the mount that the images fit, and what a user should know of the lens.
+
+    `place` (N,) is the row of the readings of each corner.
+    """
     units, number = base.robot.units, np.concatenate([f.number for f in used])
 
     def column(values: np.ndarray | None) -> np.ndarray | None:

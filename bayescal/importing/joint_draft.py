@@ -209,18 +209,12 @@ class MotionDraft:
 
 def format_of(request: Request) -> str:
     """The format of a log of motions; "" of a log of contacts."""
-    path = request.log
     if request.format in MOTION_FORMATS:
         return request.format
-    if request.format == "csv":
-        if _bags(path):
-            return "rosbag"
-        if is_lerobot(path):
-            return "lerobot"
-        if sage_folders(path):
-            return "sage"
-    of_motions = request.format in ("csv", "ur-rtde") and (request.motions or path.is_dir())
-    return request.format if of_motions else ""
+    signs = {"rosbag": _bags, "lerobot": is_lerobot, "sage": sage_folders}
+    recognised = (name for name, sign in signs.items() if request.format == "csv" and sign(request.log))
+    of_motions = request.format in ("csv", "ur-rtde") and (request.motions or request.log.is_dir())
+    return next(recognised, request.format if of_motions else "")
 
 
 def _bags(path: Path) -> list[Path]:
@@ -284,8 +278,7 @@ def convert_motions(request: Request) -> MotionDraft:
         *([] if "gravity_mps2" in settings else ["gravity acts along -z of the base (assumed)"]),
     )  # fmt: skip
     columns = _columns(rows, role)
-    wrong = contradiction(rows, arm.coupling, arm.limits)
-    wrong = wrong or next((r.wrong for r in records if r.wrong), "")
+    wrong = contradiction(rows, arm.coupling, arm.limits) or next((r.wrong for r in records if r.wrong), "")
     return MotionDraft(settings, columns, arm.file, notes, wrong, request.log.name, request.table)
 
 
@@ -332,9 +325,8 @@ def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
 def _motion(rows: Rows, k: int, role: str, same: int) -> dict[str, Any]:
     indices = rows.of(k + 1)
     payload = float(np.median(rows.cells["payload"][indices])) if "payload" in rows.cells else 0.0
-    names = (str(rows.ids[k]), role, str(rows.kinds[k]), str(rows.ids[same - 1]))
-    out = dict(zip(("id", "role", "kind", "same_as"), names, strict=True))
-    return {key: value for key, value in out.items() if value} | {"payload_kg": float(f"{payload:.6g}")}
+    out = {"id": rows.ids[k], "role": role, "kind": rows.kinds[k], "same_as": rows.ids[same - 1]}
+    return {key: str(x) for key, x in out.items() if x} | {"payload_kg": float(f"{payload:.6g}")}
 
 
 def _columns(rows: Rows, role: Sequence[str]) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import pairwise
 
 import numpy as np
 
@@ -212,11 +213,9 @@ def _stated(rows: Rows, role: np.ndarray) -> tuple[str, ...]:
 
 def _one_time(streams: Sequence[Stream], records: Sequence[Record], notes: list[str]) -> np.ndarray:
     """Times (N,), s, from the first row on, of records one behind the other."""
-    begins = [s.time[0] for s in streams]
-    ends = [s.time[-1] for s in streams]
     session = all(r.clock == "session" for r in records)
-    if session and all(b > e for b, e in zip(begins[1:], ends[:-1], strict=True)):
-        return np.concatenate([s.time for s in streams]) - begins[0]
+    if session and all(after.time[0] > before.time[-1] for before, after in pairwise(streams)):
+        return np.concatenate([s.time for s in streams]) - streams[0].time[0]
     if len(streams) > 1:
         notes.append(f"each record has its own clock: {BETWEEN:g} s is put between them (assumed)")
     parts, now = [], 0.0
@@ -304,12 +303,10 @@ def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
         chosen, words = np.array(rows.roles) == "validate", "as the column `role` states"
     elif rule:
         chosen, words = _chosen(ids, kinds, rule)
+    elif kinds[-1] and (of_last := kinds == kinds[-1]).sum() <= MOST * count:
+        chosen, words = of_last, f"by default those of the last kind, `{kinds[-1]}`"
     else:
-        other = kinds == kinds[-1]
-        if kinds[-1] and 0 < other.sum() <= MOST * count:
-            chosen, words = other, f"by default those of the last kind, `{kinds[-1]}`"
-        else:
-            chosen, words = _chosen(ids, kinds, LAST)[0], "by default the last 20 %"
+        chosen, words = _chosen(ids, kinds, LAST)[0], "by default the last 20 %"
     if not 0 < chosen.sum() < count:
         what = f"{'all' if chosen.all() else 'none'} of the {count} motions would validate"
         raise BayescalError(what, "--validate", RULES)

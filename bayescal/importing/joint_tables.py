@@ -216,8 +216,7 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
         raise BayescalError(what, place, "give the files of one motion")
     order, how = places(names, width, joints, stated, place)
     blocks = {quantity: lists[c][:, order] for quantity, c in SAGE.items() if c in lists}
-    unit = "µs" if scale < 1 else "s"
-    notes = [how, f"angles are in rad, torques in N m, times in {unit} (SAGE's README)"]
+    notes = [how, f"angles are in rad, torques in N m, times in {'µs' if scale < 1 else 's'} (SAGE's README)"]
     others: tuple[Stream, ...] = ()
     keep = np.ones(len(time), bool)
     if (folder / EVENTS).is_file():

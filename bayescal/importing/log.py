@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, is_unit, name_and_unit
+from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, name_and_unit
 from bayescal.storage.reading import content_of, library
 
 SUFFIXES = (".xlsx", ".xlsm")
@@ -277,8 +277,6 @@ def read_log(
     notes = list(lines.notes)
     if before:
         notes.append(_left(before, name, "before the header"))
-    if not rows:
-        raise BayescalError("no rows below the header", name, "check the file")
     widest = header or _usual(rows)
     header = _trimmed(header, len(widest)) if header else ()
     width = len(header) or len(_trimmed(widest, 0))
@@ -361,8 +359,7 @@ def _are_units(row: Iterable[str]) -> bool:
 
 
 def _unit(cell: str) -> Unit | None:
-    name = cell.strip("[]()<> ")
-    return UNITS[ALIASES.get(name, name)] if is_unit(name) else None
+    return UNITS.get(ALIASES.get(name := cell.strip("[]()<> "), name))
 
 
 def _is_footer(row: Sequence[str], width: int) -> bool:

@@ -229,10 +229,9 @@ def _reads(names: np.ndarray, targets: Sequence[Target]) -> np.ndarray:
 def _given(log: Columns, reads: np.ndarray) -> np.ndarray:
     """Rows (N,) that have what an instrument reads: coordinates or a length."""
     out = np.ones(log.count, bool)
-    for kind, keys in (("xyz", ("x", "y", "z")), ("length", ("length",))):
-        for key in keys:
-            column = log.cells.get(key, np.full(log.count, np.nan))
-            out &= (reads != kind) | np.isfinite(column)
+    for key, kind in (*dict.fromkeys("xyz", "xyz").items(), ("length", "length")):
+        column = log.cells.get(key, np.full(log.count, np.nan))
+        out &= (reads != kind) | np.isfinite(column)
     return out
 
 

@@ -214,8 +214,7 @@ def _index(columns: Columns, key: str, choices: list[str]) -> np.ndarray:
     if bad.any():
         _, remedy = unknown(key, str(given[np.argmax(bad)]), choices)
         first(columns, bad, lambda row: f"unknown {key} `{given[row]}`", remedy)
-    place = {name: i for i, name in enumerate(choices)}
-    return np.array([place[name] for name in given.tolist()])
+    return np.array([choices.index(name) for name in given.tolist()])
 
 
 def _standstills(joints: np.ndarray) -> np.ndarray | None:

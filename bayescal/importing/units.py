@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_matrix, rpy_of
+from bayescal.dataset.table import is_written_number
 from bayescal.errors import BayescalError
 from bayescal.robots.servos import STEP, STEPS
 from bayescal.storage.files import unknown
@@ -112,10 +113,7 @@ def quantity(text: str, dimension: str, count: int, where: str) -> tuple[float, 
 
 def is_number(text: str) -> bool:
     """Whether a cell holds a plain finite number."""
-    try:
-        return math.isfinite(float(text)) and "_" not in text
-    except ValueError:
-        return False
+    return is_written_number(text) and math.isfinite(float(text))
 
 
 OPERATORS: dict[type, Callable[..., np.ndarray]] = {

@@ -8,8 +8,7 @@ import pytest
 from camera_sessions import FIXED, camera_session
 from sessions import misread, with_columns
 
-from bayescal.dataset.cameras import closed_form
-from bayescal.dataset.image_changes import _pixels
+from bayescal.dataset.cameras import carried, closed_form, flange_poses, projected
 from bayescal.dataset.plausibility import explanation
 from bayescal.errors import BayescalError
 
@@ -60,7 +59,10 @@ def test_lines_that_are_exposed_one_after_another(session):
     found = closed_form(session, 0, rows, m.readings)[2]
     at = m.readings + 3e-5 * m.pixel[:, 1:2] * m.velocity
     pixel = m.pixel.copy()
-    pixel[:, :2] += _pixels(session, 0, rows, at, found) - _pixels(session, 0, rows, m.readings, found)
+    t, flanges = session.targets[0], (flange_poses(session, q) for q in (m.readings, at))
+    poses = (found.predicted(flange, carried(t)) for flange in flanges)
+    before, after = (projected(t, pose, m.pixel[:, 2]) for pose in poses)
+    pixel[:, :2] += after - before
     problem = said(with_columns(session, pixel=pixel))
     assert "exposed line by line while the arm moved (rolling shutter, about 30 µs a line)" in problem.what
     assert "with the arm at rest" in problem.remedy
