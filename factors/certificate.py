@@ -227,6 +227,29 @@ STRAIGHT = 0.02
 EXACT = 1e-4
 """Of the root mean square uncertainty, assumed of every relation: the covariance then has an inverse."""
 
+
+def placed(times: int) -> np.ndarray:
+    """What whitens one certified value at so many placements, (times, times), of unit variance each."""
+    covariance = CORRELATION + (1.0 - CORRELATION) * np.eye(times)
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+def again(each: Sequence[Certificate], targets: int) -> Certificate:
+    """One certified value at several placements, of so many targets each: its error is of the artefact."""
+    white = placed(len(each))
+
+    def residual(*x: np.ndarray) -> Residual:
+        rows, slopes = [], []
+        for k, function in enumerate(each):
+            r, by = function(*x[k * targets : (k + 1) * targets])
+            rows.append(r)
+            slopes += [np.concatenate([w * slope for w in white[:, k]], axis=-2) for slope in by]
+        whitened = np.tensordot(np.stack(rows, axis=-1), white, (-1, -1))  # (..., rows, placements)
+        return np.moveaxis(whitened, -1, -2).reshape(*rows[0].shape[:-1], -1), tuple(slopes)
+
+    return residual if len(each) > 1 else each[0]
+
+
 Form = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Values (..., m) of points (..., k, 3), 0 where they are as certified, and their slopes (..., m, k, 3)."""
 

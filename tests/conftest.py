@@ -170,13 +170,8 @@ def written_out(model, constraint, z: np.ndarray) -> np.ndarray:
     r, _ = constraint.function(*states)
     values = dict(zip(model.names, model.physical(z), strict=True))
     certified_values = model.scene.circumstances(model.scene.rows("calibrate")).certified_values
-    entries = model.scene.dataset.certificates
-    mine = [
-        p
-        for p in certified_values
-        if (entries[p.certificate].kind, entries[p.certificate].targets)
-        == (constraint.kind, constraint.targets)
-    ]
+    mine = [p for p in certified_values if p.certificates == constraint.numbers]
+    assert len(constraint.numbers) == 1
     return r - np.array([values.get(f"artefact {p.name}", 0.0) / p.u for p in mine])
 
 

@@ -187,7 +187,8 @@ def _certificates(fitted: Estimate) -> Iterator[Propagated]:
     model = fitted.model
     first = sum(b.residuals for b in model.blocks)
     for constraint in model.constraints:
-        entry = model.scene.dataset.certificates[constraint.number]
+        entry = model.scene.dataset.certificates[constraint.numbers[0]]
+        several = len(constraint.numbers)
         by = fitted.covariance @ fitted.linear.jacobian[first : first + constraint.rows].T
         first += constraint.rows
         if entry.points is not None:
@@ -195,7 +196,8 @@ def _certificates(fitted: Estimate) -> Iterator[Propagated]:
             common = "certificates of the distances"
             yield Propagated(Input(CERTIFICATE, name, "B", "m", None, None, common=common), by)
             continue
-        units = np.array([unit for _, unit in model.scene.stated(entry)])
+        units = np.array([unit for _, unit in model.scene.stated(entry)] * several)
+        entry = replace(entry, targets=entry.parts) if several > 1 else entry
         for unit in dict.fromkeys(units.tolist()):
             columns = np.flatnonzero(units == unit)
             yield Propagated(certificate_input(entry, unit, float(constraint.u[columns[0]])), by[:, columns])

@@ -10,14 +10,15 @@ What is attached to the flange in each row: tool and payload. Which targets are 
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bayescal.arm.transforms import rigid_alignment, rpy_matrix
 from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
-from bayescal.dataset.types import Dataset, Patch, Target
+from bayescal.dataset.types import Certificate, Dataset, Patch, Target
 from bayescal.errors import BayescalError
 from bayescal.statistics import grouped
 from factors import certificate
@@ -137,6 +138,17 @@ def forms_of(targets: Sequence[Target]) -> tuple[str, str]:
     """The forms of two targets."""
     a, b = targets
     return KINDS[a.kind].form, KINDS[b.kind].form
+
+
+def measured_again(certificates: Sequence[Certificate], fitted: Set[str]) -> list[tuple[int, ...]]:
+    """Certificates of fitted targets by number, those together that state one value at several placements."""
+    values: dict[tuple[Any, ...], list[int]] = {}
+    for number, c in enumerate(certificates):
+        if c.points is not None or fitted >= set(c.targets):
+            again = c.points is None and all("@" in name for name in c.targets)
+            key = (c.kind, c.parts, c.distance, c.u_distance, c.u_angle) if again else (number,)
+            values.setdefault(key, []).append(number)
+    return [tuple(numbers) for numbers in values.values()]
 
 
 def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -> None:

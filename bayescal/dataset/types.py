@@ -97,6 +97,11 @@ class Certificate:
     points: Points | None = None
     derived: bool = False
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Its targets without their placements: ``ball.A`` of ``ball.A@2``."""
+        return tuple(name.partition("@")[0] for name in self.targets)
+
 
 @dataclass(frozen=True)
 class Noise:

@@ -50,13 +50,13 @@ class Face:
 
 @dataclass(frozen=True)
 class CertifiedValue:
-    """One value that a certificate between fitted targets states, with standard uncertainty u."""
+    """One value that certificates between fitted targets state, with standard uncertainty u."""
 
     name: str
     unit: str  # "rad" or "m", that of u
     u: float
-    certificate: int  # of the session
-    rows: np.ndarray  # (values that the certificate states,) 1 for this one, else 0
+    certificates: tuple[int, ...]  # of the session: one, or those of the same value at several placements
+    rows: np.ndarray  # (values that each of them states,) 1 for this one, else 0
 
 
 @dataclass(frozen=True)

@@ -301,15 +301,16 @@ class Posed(Oriented):
 
 @dataclass(frozen=True)
 class Constraint:
-    """A certificate between fitted targets: whitened residuals of their states.
+    """Certificates between fitted targets: whitened residuals of their states.
 
-    `number` is that of the certificate in the session. A unit of each of the parameters `index` (P',) shifts
-    the certified value by `shift` (P', rows), in units of its stated uncertainties `u` (rows,).
+    `numbers` are those of one certificate, or of one value at several placements. A unit of each of the
+    parameters `index` (P',) shifts the certified value by `shift` (P', rows), in units of its stated
+    uncertainties `u` (rows,).
     """
 
     kind: str
     targets: tuple[str, ...]
-    number: int
+    numbers: tuple[int, ...]
     function: certificate.Certificate
     u: np.ndarray
     index: np.ndarray

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayescal.arm.motion import CERTIFICATE, CONTACT, IMAGE, TURN, Motion, Terms
 from bayescal.dataset import Certificate as CertificateEntry
+from bayescal.dataset.contacts import measured_again
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
@@ -25,7 +26,7 @@ from bayescal.model.options import USUAL, FitOptions, kept
 from bayescal.model.parts import POINTS, u_of
 from bayescal.model.scene import Scene
 from factors import certificate
-from factors.certificate import certified_points
+from factors.certificate import again, certified_points, placed
 from factors.contacts import Cylinder, Sphere
 from factors.kind import Kind
 
@@ -233,10 +234,8 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
     kinds = {b.target: b.kind for b in blocks}
     of_turns = [(int(t), scene.rows_of(int(t), rows[scene.posed[rows]])) for t in present]
     blocks += tuple(bare.turned(t, posed) for t, posed in of_turns if len(posed))
-    numbered = enumerate(scene.dataset.certificates)
-    constraints = tuple(
-        constraint for k, entry in numbered if (constraint := _constraint(bare, k, entry, kinds)) is not None
-    )
+    every = measured_again(scene.dataset.certificates, kinds.keys())
+    constraints = tuple(c for numbers in every if (c := _constraint(bare, numbers, kinds)) is not None)
     return Model(scene, effects, parameters, blocks, constraints)
 
 
@@ -249,10 +248,10 @@ def _rows(scene: Scene) -> np.ndarray:
     return rows
 
 
-def _constraint(
-    model: Model, number: int, entry: CertificateEntry, kinds: Mapping[str, Kind]
-) -> Constraint | None:
-    """A certificate as a factor, or None if a target of it is not fitted."""
+def _constraint(model: Model, numbers: tuple[int, ...], kinds: Mapping[str, Kind]) -> Constraint | None:
+    """Certificates of one value as a factor, or None if a target of them is not fitted."""
+    entries = [model.scene.dataset.certificates[number] for number in numbers]
+    entry, times = entries[0], len(entries)
     if entry.points is not None:
         certified = model.scene.shape_of(entry, kinds)
         if certified is None:
@@ -260,13 +259,15 @@ def _constraint(
         of, names = certified
         function, u = certified_points(of, [kinds[name] for name in names]), np.ones(len(of.whiten))
     else:
-        names = entry.targets
-        stated = model.scene.stated(entry) if kinds.keys() >= set(names) else ()
+        names = tuple(name for e in entries for name in e.targets)
+        stated = model.scene.stated(entry)
         if not stated:
             return None
-        function, u = _function(model.scene, entry, [kinds[name] for name in names]), u_of(entry, stated)
-    index, drivers = model.driven(CERTIFICATE, (str(number),), len(u))
-    return Constraint(entry.kind, names, number, function, u, index, drivers[:, 0] / u)
+        each = [_function(model.scene, e, [kinds[name] for name in e.targets]) for e in entries]
+        function, u = again(each, len(entry.targets)), np.tile(u_of(entry, stated), times)
+    index, drivers = model.driven(CERTIFICATE, [str(number) for number in numbers], len(u) // times)
+    shift = np.tensordot(drivers, placed(times), (1, 1)).swapaxes(1, 2).reshape(len(index), len(u)) / u
+    return Constraint(entry.kind, names, numbers, function, u, index, shift)
 
 
 def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> certificate.Certificate:

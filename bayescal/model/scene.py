@@ -11,7 +11,7 @@ from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import Loads, Stance, gravity_loads, torques_on_links
 from bayescal.dataset import Certificate, Dataset, Target
-from bayescal.dataset.contacts import forms_of, load_centre, load_mass
+from bayescal.dataset.contacts import forms_of, load_centre, load_mass, measured_again
 from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
@@ -324,16 +324,18 @@ class Scene:
 
     def _certified_values(self, fitted: set[str]) -> Iterator[CertifiedValue]:
         """All certified values of the targets with these names."""
-        for number, entry in enumerate(self.dataset.certificates):
+        for numbers in measured_again(self.dataset.certificates, fitted):
+            entry = self.dataset.certificates[numbers[0]]
             if entry.points is not None:
-                yield from self._coordinates(entry, number, fitted)
-            if entry.points is not None or not fitted.issuperset(entry.targets):
+                yield from self._coordinates(entry, numbers, fitted)
                 continue
-            stated = self.stated(entry)
+            stated, of = self.stated(entry), entry.parts if len(numbers) > 1 else entry.targets
             for (what, unit), u, rows in zip(stated, u_of(entry, stated), np.eye(len(stated)), strict=True):
-                yield CertifiedValue(f"{' '.join(entry.targets)} {what}", unit, float(u), number, rows)
+                yield CertifiedValue(f"{' '.join(of)} {what}", unit, float(u), numbers, rows)
 
-    def _coordinates(self, entry: Certificate, number: int, fitted: set[str]) -> Iterator[CertifiedValue]:
+    def _coordinates(
+        self, entry: Certificate, numbers: tuple[int, ...], fitted: set[str]
+    ) -> Iterator[CertifiedValue]:
         """The certified coordinates of the points that fitted targets are."""
         certified, points = self.shape_of(entry, fitted), entry.points
         if certified is None or points is None:
@@ -343,7 +345,7 @@ class Scene:
         for k in (3 * point + axis for point in sorted(used) for axis in range(3)):
             name = f"{points.names[k // 3]} {'xyz'[k % 3]}"
             if u[k] > 0:
-                yield CertifiedValue(name, "m", float(u[k]), number, certified[0].by_coordinate[:, k])
+                yield CertifiedValue(name, "m", float(u[k]), numbers, certified[0].by_coordinate[:, k])
 
     def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:
         """The joined sessions, and whether a fitted target of each has a stated position."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from factors.camera import Instrument
-from factors.certificate import Certificate, diameter, join
+from factors.certificate import CORRELATION, Certificate, again, diameter, join
 from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
 from factors.kind import tangents
 from factors.kind import turned as rotation
@@ -254,6 +254,32 @@ def lean_towards(a: Plane, b: Plane, xa: np.ndarray, xb: np.ndarray) -> np.ndarr
     """The state of b turned by U_ANGLE towards a."""
     new = b.normal_and_offset(xb)[0] + U_ANGLE * a.normal_and_offset(xa)[0]
     return np.append(leaning(b, new / np.linalg.norm(new), 0.0)[:2], xb[2])
+
+
+def placed_again(*x: np.ndarray):
+    """A block at two placements."""
+    return again([parallel(RIGHT, LEFT, SIDE)] * 2, 2)(*x)
+
+
+def test_an_error_of_an_artefact_is_its_error_at_every_placement():
+    """Its uncertainty does not fall with the number of placements, as that of as many artefacts would."""
+    holds = turned(RIGHT, LEFT)
+    for signs in ((1.0, 1.0), (1.0, -1.0)):
+        off = [x for sign in signs for x in push(0, 2, sign * U_DISTANCE)(holds)]
+        square = float(np.sum(placed_again(*off)[0] ** 2))
+        alike = signs[0] == signs[1]
+        assert square == pytest.approx(2 / (1 + CORRELATION if alike else 1 - CORRELATION), rel=1e-3)
+    one = again([parallel(RIGHT, LEFT, SIDE)], 2)
+    np.testing.assert_allclose(one(*off[:2])[0], parallel(RIGHT, LEFT, SIDE)(*off[:2])[0])
+
+
+@pytest.mark.parametrize("lead", [(), (4,), (2, 3)])
+def test_slopes_and_draws_of_placements(lead):
+    case = Case(placed_again, turned(RIGHT, LEFT) * 2, 6)
+    if not lead:
+        test_slopes(case)
+        return
+    test_draws(case, lead)
 
 
 @pytest.mark.parametrize(("further", "a", "b", "length"), [(0, RIGHT, LEFT, SIDE), (1, HIGH, LOW, 0.05)])

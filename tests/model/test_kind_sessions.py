@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from sessions import plain, with_columns
 
 from bayescal.arm.transforms import rpy_of
+from bayescal.assess.inputs import _certificates
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.effects.geometry import LOOSE_ANGLE
@@ -134,6 +135,28 @@ def test_fit_and_validate(name, request):
         formed = with_uneven_faces(found, [FaceCheck("cube.+y", 20e-6, 0.0, True)]).model
         assert any(p.effect == "plane-form" for p in formed.parameters)
         assert len(set(formed.names)) == len(formed.names)
+
+
+def test_one_artefact_at_two_placements_has_one_error(cube):
+    """Each placement had a certified length of its own: its uncertainty fell with their number."""
+    places = [("1", np.array([0.42, -0.1, 0.25])), ("2", np.array([0.42, 0.06, 0.2]))]
+    pieces = [
+        sphere(f"{name}@{k}", at + np.array([0, y, 0]), np.full(3, 2e-4), count=16)
+        for k, at in places
+        for name, y in (("ball.A", 0.0), ("ball.B", 0.06))
+    ]
+    pairs = [(f"ball.A@{k}", f"ball.B@{k}") for k, _ in places]
+    papers = tuple(Certificate("distance", pair, 0.06, 4e-5) for pair in pairs)
+    told = of_pieces(cube(seed=3, count=40), pieces, papers, planes=False).dataset
+    other = tuple(replace(c, distance=0.06 + k * 1e-6) for k, c in enumerate(papers))  # of two artefacts
+    each = [" ".join(pair) for pair in pairs]
+    for certificates, numbers, names in ((papers, [(0, 1)], ["ball.A ball.B"]), (other, [(0,), (1,)], each)):
+        fitted = calibrated(Scene(replace(told, certificates=certificates)), (*FULL, "artefact"))
+        assert [(c.numbers, c.rows) for c in fitted.model.constraints] == [(n, len(n)) for n in numbers]
+        of_artefact = [n for n in fitted.model.names if n.startswith("artefact")]
+        assert of_artefact == [f"artefact {name} distance" for name in names]
+        inputs = [one.input.name for one in _certificates(fitted)]
+        assert inputs == [f"certificate: distance {name.replace(' ', ' - ')}" for name in names]
 
 
 def test_certificates_between_kinds(cube, tmp_path):
