@@ -8,6 +8,7 @@ import html
 import json
 import re
 import shutil
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -69,6 +70,16 @@ def test_the_verdict_is_said_once(found):
     text = words(run_page(Run("gap", record_of(found, "null"), "runs/x")))
     assert text.count("No effect above noise") == 1
     assert "No effect above noise The model explains these data" in text
+
+
+def test_masses_that_do_not_fit_are_corrected_first(found):
+    """The page said: calibrate with the model as it is."""
+    gap = replace(diagnosis(found.model.scene.dataset, "null"), masses="the stated masses do not fit")
+    record = record_of(found, "null") | gap_record(gap)
+    assert record["words"][0] == "No effect found but errors of the stated masses (see the warning)"
+    text = words(run_page(Run("gap", record, "runs/x")))
+    assert "Calibrate with the model as it is." not in text
+    assert text.index("What to do next") < text.index("Weigh the tool, find its centre of mass")
 
 
 def test_a_diagnosis_shows_the_residuals_that_it_explains(found):

@@ -101,6 +101,7 @@ def gap_record(gap: result.Gap) -> dict[str, Any]:
         "marked": _mark(gap),
         "not_located": list(gap.unlocated),
         "warnings": list(phrases.warnings(gap)),
+        "masses": gap.masses,
     }
     if gap.arm is not None:
         record["rows"] = rows_record(gap.arm)

@@ -171,6 +171,9 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
         yield "Probability of noise only", text.probability(null), f"from {record['gap']['heldout']}"
 
 
+WEIGH = "Weigh the tool, find its centre of mass, correct the masses in the files, and diagnose again."
+
+
 def _next(run: Run) -> list[tuple[str, str]]:
     record, dataset, out = run.record, run.datasets, []
     if record["named"]:
@@ -197,7 +200,10 @@ def _next(run: Run) -> list[tuple[str, str]]:
         options = text.model_options(record["baseline"], record["without"])
         as_it_is = ("Calibrate with the model as it is.", f"bayescal fit {dataset}{options}")
         first = ("Find what makes errors larger than the noise, and measure again.", "")
-        out.insert(0, first if sheets.exceeds(record) else as_it_is)
+        if not record.get("masses"):
+            out.insert(0, first if sheets.exceeds(record) else as_it_is)
+    if record.get("masses"):
+        out.insert(0, (WEIGH, ""))
     return out or [("Inspect the location that is marked, and measure again.", "")]
 
 
