@@ -6,7 +6,8 @@ Results that others do not need: where they fail, a sentence says so.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 LONGEST = 80
@@ -95,6 +96,25 @@ class BayescalError(Exception):
         self.what, self.where, self.remedy = _part(what), shown(where, LONGEST_PATH), _part(remedy)
         parts = (f"{self.where}: {self.what}" if self.where else self.what, self.remedy)
         super().__init__("; ".join(p for p in parts if p))
+
+
+@contextmanager
+def refused_as(what: str, where: str, remedy: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Tell of an exception of another library, of some kinds, as a `BayescalError` with its reason.
+
+    Examples
+    --------
+    >>> with refused_as("not a number", "a.txt:3", "correct it", ValueError):
+    ...     float("x")
+    Traceback (most recent call last):
+    bayescal.errors.BayescalError: a.txt:3: not a number: could not convert string to float: 'x'; correct it
+    """
+    try:
+        yield
+    except BayescalError:
+        raise
+    except kinds as error:
+        raise BayescalError(f"{what}: {error}", where, remedy) from None
 
 
 FAILURES = (BayescalError, ArithmeticError, LookupError, RuntimeError, ValueError)

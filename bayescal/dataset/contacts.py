@@ -136,8 +136,7 @@ SHARE: dict[certificate.Relation, float] = {certificate.off_plane: 0.1, certific
 
 def forms_of(targets: Sequence[Target]) -> tuple[str, str]:
     """The forms of two targets."""
-    a, b = targets
-    return KINDS[a.kind].form, KINDS[b.kind].form
+    return KINDS[targets[0].kind].form, KINDS[targets[1].kind].form
 
 
 def measured_again(certificates: Sequence[Certificate], fitted: Set[str]) -> list[tuple[int, ...]]:

@@ -63,10 +63,8 @@ def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
         if solution.misfit > stated.misfit:
             continue
         what = f"the calibration of `{t.name}` is of images {factor:.3g} times as large as these"
-        remedy = (
-            f"divide fx_px, fy_px, cx_px and cy_px by {factor:.3g}, or calibrate with images of this size"
-        )
-        yield what, remedy, m.target == target, other
+        divide = f"divide fx_px, fy_px, cx_px and cy_px by {factor:.3g}"
+        yield what, f"{divide}, or calibrate with images of this size", m.target == target, other
 
 
 def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
@@ -83,11 +81,9 @@ def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
     far = [k for k in range(4) if u[k] and abs(values[k] - start[k]) > OTHER * u[k]]
     if far and np.all(values[:2] > 0):
         each = [f"{cameras.PINHOLE[k]} {values[k]:.0f} px, stated {start[k]:.0f} (u {u[k]:.2g})" for k in far]
-        what = (
-            f"the images of `{t.name}` were taken with another lens or part of the sensor: {', '.join(each)}"
-        )
+        what = f"the images of `{t.name}` were taken with another lens or part of the sensor"
         remedy = "calibrate the camera with images of this size and crop, at this focus"
-        yield what, remedy, m.target == target, other
+        yield f"{what}: {', '.join(each)}", remedy, m.target == target, other
 
 
 def _usual(off: np.ndarray) -> float:

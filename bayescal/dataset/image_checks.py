@@ -89,29 +89,21 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
 
 
 def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) -> None:
-    count, read = len(cameras.board(t).points), pixel[rows]
-
-    def refuse(bad: np.ndarray, what: str, remedy: str) -> None:
-        mask = np.zeros(len(table.line), bool)
-        mask[rows] = bad
-        table.first(mask, what, remedy)
-
+    count, of_rows = len(cameras.board(t).points), np.isin(np.arange(len(pixel)), rows)
+    read = np.where(of_rows[:, None], pixel, np.nan)
     number = read[:, 2]
-    refuse(
-        (number != np.round(number)) | (number < 0) | (number >= count),
-        f"`point` is {{point}}, but the board of `{t.name}` has points 0 to {count - 1}",
-        "check `board`, or the numbers of the corners",
-    )
+    wrong = of_rows & ((number != np.round(number)) | (number < 0) | (number >= count))
+    what = f"`point` is {{point}}, but the board of `{t.name}` has points 0 to {count - 1}"
+    table.first(wrong, what, "check `board`, or the numbers of the corners")
     if not np.isnan(size := np.asarray(t.values["size"], float)).any():
         outside, turned = (np.any((uv < -1) | (uv > size), axis=1) for uv in (read[:, :2], read[:, 1::-1]))
-        what = (
-            f"a corner at ({{u_px}}, {{v_px}}) px, but images of `{t.name}` have {size[0]:g} x {size[1]:g} px"
-        )
+        stated = f"images of `{t.name}` have {size[0]:g} x {size[1]:g} px"
+        what = f"a corner at ({{u_px}}, {{v_px}}) px, but {stated}"
         remedy = "the calibration of the camera is of another resolution: give that of these images"
         if not turned.any():
             what += "; with both columns interchanged all corners are inside"
             remedy = "exchange the headings `u_px` (to the right) and `v_px` (down)"
-        refuse(outside, what, remedy)
+        table.first(outside, what, remedy)
 
 
 def _check_doubled(dataset: Dataset, target: int, rows: np.ndarray, table: Table) -> None:
@@ -140,15 +132,14 @@ def _check_board(dataset: Dataset, target: int, rows: np.ndarray, seen: cameras.
     if np.mean(seen.misfit[some] < cameras.FOREIGN) < 0.5:
         fit = int(np.sum(seen.misfit[some] < cameras.FOREIGN))
         what = f"the corners of {fit} of {len(seen.misfit)} images of `{t.name}` fit its board"
-        remedy = (
-            "check the number of squares, the order of the corners, and the resolution of the calibration"
-        )
+        order = "the order of the corners"
+        remedy = f"check the number of squares, {order}, and the resolution of the calibration"
         if other := cameras.transposed(t.texts.get("board", "")):
             session = cameras.restated(dataset, target, texts={"board": other})
             then = cameras.closed_form(session, target, rows, m.readings)[0]
             if (many := int(np.sum(then.misfit < cameras.FOREIGN))) > 0.5 * len(then.misfit):
                 what += f", those of {many} images a board {other}"
-                remedy = f"write `board: {other}`, or check the order of the corners"
+                remedy = f"write `board: {other}`, or check {order}"
         raise BayescalError(what, where, remedy)
     front = cameras.board(t).front
     good = some & (seen.misfit < cameras.FOREIGN)

@@ -23,6 +23,7 @@ from bayescal.dataset.table import EMPTY, LABELS
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.dataset.types import Certificate, Dataset, Measurements, Noise, Record, Tool
 from bayescal.errors import BayescalError
+from bayescal.statistics import grouped
 
 PAUSE = 3600.0
 """s between the clocks of two sessions, which is unknown (assumed)."""
@@ -261,14 +262,8 @@ def _same(one: Tool, other: Tool) -> bool:
 
 def _tools(sessions: Sequence[Dataset], remounted: bool) -> tuple[tuple[Tool, ...], list[np.ndarray]]:
     """All tools, and for each session the index among them of each of its own."""
-    stated: dict[str, list[Tool]] = {}
-    for tool in (t for s in sessions for t in s.tools):
-        stated.setdefault(tool.name, []).append(tool)
-    shared = {
-        name
-        for name, tools in stated.items()
-        if len(tools) == 1 or (not remounted and all(_same(tools[0], t) for t in tools[1:]))
-    }
+    stated = grouped((tool.name, tool) for s in sessions for tool in s.tools)
+    shared = {n for n, (one, *more) in stated.items() if all(not remounted and _same(one, t) for t in more)}
     out: dict[str, Tool] = {}
     index = []
     for s in sessions:

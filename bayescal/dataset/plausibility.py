@@ -101,8 +101,7 @@ def _angles(dataset: Dataset) -> Iterator[Other]:
         readings = rows.readings[:, joints] * factor
         return tuple(f"j{j + 1}" for j in joints), factor, every, _with_readings(dataset, joints, readings)
 
-    for j, factor in product(np.flatnonzero(slides).tolist(), LENGTHS):
-        yield scaled([j], factor)
+    yield from (scaled([j], factor) for j, factor in product(np.flatnonzero(slides).tolist(), LENGTHS))
     turning = np.flatnonzero(~slides).tolist()
     largest = np.abs(rows.readings).max(axis=0)
     for joints in (turning, *([j] for j in turning)) if turning else ():

@@ -22,6 +22,7 @@ from bayescal.dataset import contacts
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Box, Certificate, Patch, PlanSettings, Points, Record, Target
 from bayescal.errors import BayescalError
+from bayescal.statistics import grouped
 from bayescal.storage import files
 from bayescal.storage.files import Document, Keys, in_si, stem_of, unknown
 from bayescal.storage.reading import check_inside
@@ -146,28 +147,17 @@ def plan_of(
         raise BayescalError(f"a pose that has not {n} readings", where, remedy)
     if len(stated.poses_deg) == 1:
         raise BayescalError("a single pose has no distance", where, "give two poses or more")
-    volume = stated.volume_of_interest
-    return PlanSettings(
-        volume=None if volume is None else Box(**fields_of(volume)),
-        regions=regions,
-        table=in_si("table_mm", stated.table_mm),
-        payloads=stated.payload_kg,
-        cone=in_si("cone_deg", stated.cone_deg),
-        clearance=in_si("clearance_mm", stated.clearance_mm),
-        poses=tuple(tuple(robot.read(np.array(pose)).tolist()) for pose in stated.poses_deg),
-    )
+    volume = None if stated.volume_of_interest is None else Box(**fields_of(stated.volume_of_interest))
+    plain = {field_of(k): in_si(k, getattr(stated, k)) for k in ("table_mm", "cone_deg", "clearance_mm")}
+    poses = tuple(tuple(robot.read(np.array(pose)).tolist()) for pose in stated.poses_deg)
+    return PlanSettings(volume, regions, payloads=stated.payload_kg, poses=poses, **plain)
 
 
 def record_of(file: schema.DatasetFile) -> Record:
     """What is stated under `record`."""
-    stated = file.record
-    return Record(
-        date=stated.date or "",
-        operator=stated.operator or "",
-        serials={key: value for key, value in stated.serials if value is not None},
-        certificates=stated.certificates,
-        temperature=stated.temperature_degC,
-    )
+    stated, serials = file.record, {key: value for key, value in file.record.serials if value is not None}
+    date, operator, warm = stated.date or "", stated.operator or "", stated.temperature_degC
+    return Record(date, operator, serials, stated.certificates, temperature=warm)
 
 
 def _direction(document: Document, path: tuple[str, ...], key: str, vector: np.ndarray) -> np.ndarray:
@@ -243,11 +233,9 @@ def certificates_of_points(
         if np.linalg.norm(coordinates[a] - coordinates[b]) < NEAREST:
             what = f"points `{names[a]}` and `{names[b]}` have the same coordinates"
             raise BayescalError(what, document.where(("points", names[b])), "check both")
-    placed: dict[str, list[Target]] = {}
-    for target in targets:
-        point, _, placement = target.name.partition("@")
-        if point in file.points and KINDS[target.kind].form == "point" and KINDS[target.kind].placed:
-            placed.setdefault(placement, []).append(target)
+    of_points = (t for t in targets if KINDS[t.kind].form == "point" and KINDS[t.kind].placed)
+    parts = ((t, t.name.partition("@")) for t in of_points)
+    placed = grouped((placement, t) for t, (point, _, placement) in parts if point in file.points)
     used = [t for together in placed.values() if len(together) > 1 for t in together]
     if not used:
         what = f"no two targets of one placement are points of the artefact ({', '.join(names[:3])}, ...)"

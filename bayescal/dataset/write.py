@@ -213,10 +213,8 @@ def certificate_keys(certificate: Certificate) -> Keys:
 
 def plan_block(plan: PlanSettings, units: Sequence[str]) -> Block:
     """What is below `plan`, in the order of its model; `units` of the joints as of `Robot.units`."""
-    poses = [
-        flow_list([_text(f"reading_{unit}", x) for unit, x in zip(units, pose, strict=True)])
-        for pose in plan.poses
-    ]
+    keys = [f"reading_{unit}" for unit in units]
+    poses = [flow_list(map(_text, keys, pose)) for pose in plan.poses]
     values = {
         "table_mm": plan.table,
         "payload_kg": np.array(plan.payloads) if plan.payloads else None,
@@ -255,7 +253,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
 
     noise = {key: getattr(dataset.noise, field_of(key)) for key in NoiseEntry.model_fields}
     stated = ((key, number(v / si(key), UNCERTAINTY)) for key, v in noise.items() if v is not None)
-    certificates = [c for c in dataset.certificates if c.points is None and not c.derived]
+    certificates = enumerate(c for c in dataset.certificates if c.points is None and not c.derived)
     plan = None if dataset.plan is None else plan_block(dataset.plan, dataset.robot.units)
     block: Block = {
         "schema": SCHEMA,
@@ -267,9 +265,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "held": None if not (ground := dataset.robot.ground) or not ground.held else flow(_held(ground)),
         "noise": dict(marked(stated, "noise")),
         "targets": {t.name: flow(marked(target_keys(t), "targets", t.name)) for t in dataset.targets},
-        "certificates": [
-            flow(marked(certificate_keys(c), "certificates", i)) for i, c in enumerate(certificates)
-        ],
+        "certificates": [flow(marked(certificate_keys(c), "certificates", i)) for i, c in certificates],
         "artefact": ARTEFACT if any(c.points is not None for c in dataset.certificates) else None,
         "temperature_of": dataset.temperature_of,
         "torques": dataset.torques if dataset.torques != "computed" else None,

@@ -102,13 +102,9 @@ def carries(t: Term) -> int:
 
 def items(arm: FittedArm, places: list[tuple[str, str]]) -> list[Item]:
     """All constant parameters that act in a step with a place (element, attribute) in the file."""
-    out = []
-    for k, p in enumerate(arm.model.parameters):
-        if constant(p):
-            for step in dict.fromkeys(carries(t) for t in p.terms):
-                if step < len(places):
-                    out.append(item(arm, k, *places[step]))
-    return out
+    constants = ((k, p) for k, p in enumerate(arm.model.parameters) if constant(p))
+    acts = ((k, step) for k, p in constants for step in dict.fromkeys(map(carries, p.terms)))
+    return [item(arm, k, *places[step]) for k, step in acts if step < len(places)]
 
 
 def centre_in_frame(robot: Robot, delta: np.ndarray, k: int) -> np.ndarray:

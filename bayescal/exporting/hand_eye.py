@@ -22,7 +22,7 @@ from bayescal.exporting.written import Format, Options, Written, item
 from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.writing import scalar
-from factors.camera import FISHEYE, Camera
+from factors.camera import NAMES, Camera
 from factors.kind import left_jacobian, turned
 
 TURNS_SHIFTS = ("rx", "ry", "rz", "tx", "ty", "tz")
@@ -136,11 +136,8 @@ def _write(arm: FittedArm, options: Options) -> Written:
         remedy = "fit a session that has a target of kind camera"
         raise BayescalError("the session has no camera", "--to hand-eye", remedy)
     places = {f"{h.tool} {axis}": h for h in solutions for axis in ("x", "y", "z", "rx", "ry", "rz")}
-    items = [
-        item(arm, k, places[p.name].on_flange.child, "on the flange")
-        for k, p in enumerate(arm.model.parameters)
-        if p.name in places
-    ]
+    placed = ((k, places[p.name]) for k, p in enumerate(arm.model.parameters) if p.name in places)
+    items = [item(arm, k, h.on_flange.child, "on the flange") for k, h in placed]
     beside = {".launch.py": _launch(solutions), ".opencv.json": _opencv(arm, solutions)}
     notes = [f"frames of ROS: {BASE} is F0, {END} is the flange; rename them where yours differ"]
     if len(solutions) > 1:
@@ -215,17 +212,10 @@ def _opencv(arm: FittedArm, solutions: list[HandEye]) -> str:
 
         fx, fy = (value(f"f{a}", f) for a, f in zip("xy", lens.focal, strict=True))
         cx, cy = (value(f"c{a}", c) for a, c in zip("xy", lens.centre, strict=True))
-        names = ("k1", "k2", "k3", "k4") if lens.model == FISHEYE else ("k1", "k2", "p1", "p2", "k3")
-        coefficients = [value(n, c) for n, c in zip(names, lens.coefficients, strict=True)]
-        cameras.append(
-            _record(h, _matrices)
-            | {
-                "camera_matrix": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
-                "distortion": coefficients,
-                "lens": lens.model,
-                "board_points_m": board(t).points.tolist(),
-            }
-        )
+        coefficients = [value(n, c) for n, c in zip(NAMES[lens.model], lens.coefficients, strict=True)]
+        matrix = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+        of_lens = {"camera_matrix": matrix, "distortion": coefficients, "lens": lens.model}
+        cameras.append(_record(h, _matrices) | of_lens | {"board_points_m": board(t).points.tolist()})
     note = "covariance: rotation vector about the frame's own axes (rad), then origin in the parent (m)"
     return json.dumps({"note": note, "cameras": cameras}, indent=1) + "\n"
 

@@ -124,8 +124,7 @@ def mechanism_of_run(folder: Path, name: str) -> Mechanism:
     if not (folder / ARM_FILE).is_file():
         what = f"the run has no {ARM_FILE}: the joints of its arm are coupled, which no format of it holds"
         raise BayescalError(what, str(folder), "fit.json or gap.json of the run has all values")
-    content = yaml.safe_load(decoded(folder / ARM_FILE)[0])
-    return written_out(Arm.model_validate(content), name)
+    return written_out(Arm.model_validate(yaml.safe_load(decoded(folder / ARM_FILE)[0])), name)
 
 
 def export_log(folder: Path, record: Json, to: str) -> LogExport:

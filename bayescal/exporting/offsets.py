@@ -62,12 +62,9 @@ def holds(arm: FittedArm, k: int) -> bool:
 
 def corrections(arm: FittedArm, element: str, attribute: str) -> list[Item]:
     """The parameters in a file of offsets; `element` has the name of the joint in place of ``{}``."""
-    names, parameters = arm.dataset.robot.joint_names, arm.model.parameters
-    return [
-        item(arm, k, element.format(names[p.terms[0].frame - 1]), attribute)
-        for k, p in enumerate(parameters)
-        if holds(arm, k)
-    ]
+    names = arm.dataset.robot.joint_names
+    joints = ((k, p.terms[0].frame - 1) for k, p in enumerate(arm.model.parameters) if holds(arm, k))
+    return [item(arm, k, element.format(names[j]), attribute) for k, j in joints]
 
 
 def undetermined(arm: FittedArm, covariance: np.ndarray) -> list[str]:
@@ -128,10 +125,8 @@ def _lerobot(sign: int, arm: FittedArm, options: Options) -> Written:
     ]
     inverted = [servo.name for servo in servos if servo.drive_mode and sign < 0]
     if inverted:
-        what = (
-            f"{listed(inverted)}: drive_mode 1 does not invert LeRobot's degrees, of which the file is; where"
-        )
-        notes.append(f"{what} values are normalised, change these offsets by as much to the other side")
+        what = f"{listed(inverted)}: drive_mode 1 does not invert LeRobot's degrees, of which the file is; "
+        notes.append(f"{what}where values are normalised, change these offsets by as much to the other side")
     text = json.dumps(content, indent=4) + "\n"
     details = {"remainder_deg": remainder}
     return Written(text, corrections(arm, "{}", "homing_offset"), notes=notes, details=details)
@@ -181,17 +176,14 @@ def _write(arm: FittedArm, options: Options) -> Written:
         values = [*t[:3, 3].tolist(), *rpy_of(t[:3, :3]).tolist()]
         lines += [f"  {link}:", *(f"    {key}: {v + 0.0!r}" for key, v in zip(KEYS, values, strict=True))]
     lines.append(f"  hash: {label or f'calib_bayescal_{arm.dataset.sha256[:12]}'}")
-    return Written(
-        "\n".join(lines) + "\n",
-        geometry.items(arm, [(f"kinematics/{link}", "x y z roll pitch yaw") for link in LINKS]),
-        notes=notes,
-        details={
-            "joint_from_reading": robot.link_from_reading.tolist(),
-            "root_in_f0": root.tolist(),
-            "tip": "tool0",
-            "flange_in_tip": (np.linalg.inv(links[-1]) @ calibrated[-1]).tolist(),
-        },
-    )
+    details = {
+        "joint_from_reading": robot.link_from_reading.tolist(),
+        "root_in_f0": root.tolist(),
+        "tip": "tool0",
+        "flange_in_tip": (np.linalg.inv(links[-1]) @ calibrated[-1]).tolist(),
+    }
+    items = geometry.items(arm, [(f"kinematics/{link}", "x y z roll pitch yaw") for link in LINKS])
+    return Written("\n".join(lines) + "\n", items, notes=notes, details=details)
 
 
 def _check_is_ur(robot: Robot) -> None:

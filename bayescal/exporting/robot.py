@@ -99,29 +99,21 @@ def side_in(model: Model, effect: str) -> str:
 
 
 def _displaced_rows(robot: Robot, delta: np.ndarray) -> Robot:
-    n = robot.n
-    chain = chain_of(robot)
+    n, chain, modified = robot.n, chain_of(robot), robot.convention == "mdh"
     alpha, a, beta = robot.alpha.copy(), robot.a.copy(), robot.beta.copy()
-    offset, d = robot.offset.copy(), robot.d.copy()
+    along = np.array([robot.offset, robot.d])  # of Rz and Tz
     between = np.array([transform_of(delta[k]) @ chain.link[k] for k in range(n + 1)])
-    base = chain.base
-    if robot.convention == "mdh":
-        base = base @ transform_of(delta[0])  # row 1 stays; the base takes its displacement
-        between[0] = chain.link[0]
-    else:
-        base = base @ between[0]
-    for k in range(1, n if robot.convention == "mdh" else n + 1):
-        row = k if robot.convention == "mdh" else k - 1
+    # of modified DH row 1 stays; the base takes its displacement
+    base = chain.base @ (transform_of(delta[0]) if modified else between[0])
+    for k in range(1, n if modified else n + 1):
+        row = k if modified else k - 1
         (alpha[row], a[row], beta[row]), before, behind = split(between[k], PARALLEL)
-        offset[k - 1] += before[0]
-        d[k - 1] += before[1]
+        along[:, k - 1] += before
         if k < n:
-            offset[k] += behind[0]
-            d[k] += behind[1]
-    if robot.convention == "mdh":  # behind the last joint only Rz and Tz have a place
-        offset[n - 1] += delta[n, 0]
-        d[n - 1] += delta[n, 1]
-    return replace(robot, alpha=alpha, a=a, beta=beta, offset=offset, d=d, base=base)
+            along[:, k] += behind
+    if modified:  # behind the last joint only Rz and Tz have a place
+        along[:, n - 1] += delta[n, :2]
+    return replace(robot, alpha=alpha, a=a, beta=beta, offset=along[0], d=along[1], base=base)
 
 
 def _write(arm: FittedArm, options: Options) -> Written:
@@ -210,12 +202,9 @@ def _write_table(arm: FittedArm, options: Options) -> Written:
         "link_from_reading": robot.link_from_reading.tolist(), "flange_in_last_row": robot.flange.tolist(),
         "values": values, "covariance": covariance.tolist(),
     }  # fmt: skip
-    return Written(
-        _csv(robot, {(v["place"], v["quantity"]): (v["value"], v["u"]) for v in values}),
-        robot_items(arm),
-        beside={".json": json_text(record)},
-        notes=["the JSON file beside it has the base, the coupling of the readings and the full covariance"],
-    )
+    text = _csv(robot, {(v["place"], v["quantity"]): (v["value"], v["u"]) for v in values})
+    note = "the JSON file beside it has the base, the coupling of the readings and the full covariance"
+    return Written(text, robot_items(arm), beside={".json": json_text(record)}, notes=[note])
 
 
 def _csv(robot: Robot, values: Mapping[tuple[str, str], tuple[float, float]]) -> str:

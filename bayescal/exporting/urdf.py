@@ -85,13 +85,10 @@ def write(arm: FittedArm, options: Options) -> Written:
         "root_in_f0": root.tolist(),
         "flange_in_tip": made.flange_in_tip.tolist(),
     }
-    return Written(
-        made.text,
-        geometry.items(arm, [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in file.names]),
-        details=details,
-        notes=(*made.match.notes, *geometry.coupled(np.array(details["joint_from_reading"]))),
-        placed=partial(_moved, made.text, into.parent) if options.into else None,
-    )
+    origins = [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in file.names]
+    notes = (*made.match.notes, *coupled(signs[:, None] * robot.link_from_reading))
+    placed = partial(_moved, made.text, into.parent) if options.into else None
+    return Written(made.text, items(arm, origins), details=details, notes=notes, placed=placed)
 
 
 def file_arm(tree: Tree, tip: str) -> FileArm:
@@ -132,8 +129,7 @@ def _patched(robot: Robot, calibrated: np.ndarray, into: str) -> _File:
     file = file_arm(tree, tip)
     matched = match(robot, file, path.name)
     links = calibrated[:-1] @ matched.links
-    up = {joint.name for joint in tree.above(stood.root)}
-    passed = sum(name in up for name in file.names)
+    passed = len({joint.name for joint in tree.above(stood.root)} & {*file.names})
     if passed:  # the file has no origin between its first link and the first joint
         matched = replace(matched, root=links[0] @ np.linalg.inv(file.fixed[0]))
     between = geometry.steps(links, matched.root)
@@ -346,12 +342,9 @@ def _write(arm: FittedArm, options: Options) -> Written:
         notes.append(f"gravity of the world must be {gravity} m/s2")
     notes.append(f"the link flange carries the tool {load.name}, {load.mass:g} kg")
     places = [(f"link[@name='link{k}']", "pose") for k in range(1, robot.n + 1)]
-    return Written(
-        '<?xml version="1.0"?>\n' + indented(text),
-        [*items(arm, places), *_elastic(arm)],
-        notes=notes,
-        details={"joint_from_reading": robot.link_from_reading.tolist()},
-    )
+    details = {"joint_from_reading": robot.link_from_reading.tolist()}
+    entries = [*items(arm, places), *_elastic(arm)]
+    return Written('<?xml version="1.0"?>\n' + indented(text), entries, notes=notes, details=details)
 
 
 def _elastic(arm: FittedArm) -> Iterator[Item]:

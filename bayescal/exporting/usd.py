@@ -77,15 +77,10 @@ def _write(arm: FittedArm, options: Options) -> Written:
     elif robot.inertias is None:
         notes.append("the inertias of the links are not known: bodies have masses and centres alone")
     places = [(f"/{top}/{name}", "physics:localPos0, physics:localRot0") for name in (*joints, fixed)]
-    return Written(
-        stage.GetRootLayer().ExportToString(),
-        geometry.items(arm, places),
-        notes=notes,
-        details={
-            "joint_from_reading": robot.link_from_reading.tolist(),
-            "joints": dict(zip(robot.joint_names, joints, strict=True)),
-        },
-    )
+    names = dict(zip(robot.joint_names, joints, strict=True))
+    details = {"joint_from_reading": robot.link_from_reading.tolist(), "joints": names}
+    text = stage.GetRootLayer().ExportToString()
+    return Written(text, geometry.items(arm, places), notes=notes, details=details)
 
 
 def _mass(body: Any, gf: Any, arm: FittedArm, delta: np.ndarray, k: int) -> None:

@@ -292,8 +292,7 @@ def mujoco() -> Any:
     BayescalError
         If it is not installed.
     """
-    remedy = "pip install 'bayescal[mujoco]'"
-    module = library("mujoco", "MuJoCo is not installed", "simulator", remedy)
+    module = library("mujoco", "MuJoCo is not installed", "simulator", "pip install 'bayescal[mujoco]'")
     module.set_mju_user_warning(lambda _: None)
     return module
 

@@ -197,9 +197,8 @@ class Request:
             columns = ", ".join(header_of(self.log)) or "#1, #2, ... (without names)"
             remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
             if "actual_q_0" in columns:
-                remedy = (
-                    "a record of RTDE is read by `--format ur-rtde`, with `--motions pause:2s` as a joint log"
-                )
+                as_joint_log = "with `--motions pause:2s` as a joint log"
+                remedy = f"a record of RTDE is read by `--format ur-rtde`, {as_joint_log}"
             raise BayescalError("the contents and units of the columns are not stated", self.log.name, remedy)
         for path, said in self.files if self.points else ():
             if not said:
@@ -272,9 +271,6 @@ def furnished(
         rpy = stated_rotation(turn, "--tcp") if turn.strip() else None
     targets = names(columns, "target") or ["tracker"]
     place: dict[str, np.ndarray | float] = {"xyz": np.zeros(3), "rpy": np.zeros(3)}
-    base = replace(
-        base,
-        tools=tuple(Tool(name, centres.get(name, np.zeros(3)), rpy=rpy) for name in used),
-        targets=tuple(Target(name, "instrument", place) for name in targets),
-    )
+    tools = tuple(Tool(name, centres.get(name, np.zeros(3)), rpy=rpy) for name in used)
+    base = replace(base, tools=tools, targets=tuple(Target(name, "instrument", place) for name in targets))
     return base, Loose(tuple(targets), tuple(name for name in used if name not in centres))

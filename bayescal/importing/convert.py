@@ -24,9 +24,10 @@ from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded, with_points
 from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_records
-from bayescal.importing.roles import measurements, readings, role_note, with_roles
+from bayescal.importing.roles import SINGLE, measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
 from bayescal.robots import only_revolute
+from bayescal.statistics import grouped
 
 SHOWN = 12
 """Unused columns in a message."""
@@ -55,14 +56,8 @@ def row_words(dataset: Dataset, line: int) -> str:
         parts.append(f"point {_numbers(1e3 * rows.xyz[0], 4)} mm")
     if rows.rpy is not None:
         parts.append(f"roll, pitch, yaw {_numbers(np.degrees(rows.rpy[0]), 4)} deg")
-    singles = (
-        ("length", rows.length, 1e3, "mm"),
-        ("u", rows.u, 1e3, "mm"),
-        ("time", rows.time, 1.0, "s"),
-        ("temperature", rows.temperature, 1.0, "°C"),
-        ("payload", rows.payload, 1.0, "kg"),
-    )
-    for name, values, scale, unit in singles:
+    for name, unit in SINGLE.items():
+        values, scale = getattr(rows, name), 1e3 if unit == "mm" else 1.0
         if values is not None and np.isfinite(values[0]):
             parts.append(f"{name} {values[0] * scale:.6g} {unit}")
     return f"first row (line {line}): {', '.join(parts)}"
@@ -74,9 +69,7 @@ def _numbers(values: np.ndarray, decimals: int) -> str:
 
 def _folded(said: dict[str, Column]) -> dict[str, Column]:
     """Entries with those of all joints as the first and the last, where they differ by the number alone."""
-    groups: dict[str, list[str]] = {}
-    for key in said:
-        groups.setdefault(re.sub(r"^j\d+", "j*", key), []).append(key)
+    groups = grouped((re.sub(r"^j\d+", "j*", key), key) for key in said)
     out: dict[str, Column] = {}
     for key, column in said.items():
         keys = groups[re.sub(r"^j\d+", "j*", key)]
@@ -111,16 +104,12 @@ def unit_words(wrong: Suspicion, columns: Columns) -> str:
 
 def located_words(dataset: Dataset, loose: Loose) -> tuple[str, ...]:
     """Located instruments and reflectors, and the error of the nominal arm."""
-    lines = [
-        f"reflector `{tool.name}` located at {_mm(tool.centre)} mm in the flange frame"
-        for tool in dataset.tools
-        if tool.name in loose.tools
-    ]
-    for target in dataset.targets:
-        if target.name in loose.targets:
-            turn = ", ".join(f"{v:.3f}" for v in np.rad2deg(target.values["rpy"]))
-            place = f"{_mm(target.values['xyz'])} mm, rpy {turn} deg"
-            lines.append(f"instrument `{target.name}` located at {place}")
+    reflectors = (tool for tool in dataset.tools if tool.name in loose.tools)
+    lines = [f"reflector `{t.name}` located at {_mm(t.centre)} mm in the flange frame" for t in reflectors]
+    for target in (t for t in dataset.targets if t.name in loose.targets):
+        turn = ", ".join(f"{v:.3f}" for v in np.rad2deg(target.values["rpy"]))
+        place = f"{_mm(target.values['xyz'])} mm, rpy {turn} deg"
+        lines.append(f"instrument `{target.name}` located at {place}")
     off = 1e3 * away(dataset, dataset.measurements.readings)
     lines.append(f"error of the nominal arm: median {np.median(off):.2g} mm, maximum {off.max():.2g} mm")
     return tuple(lines)
@@ -202,8 +191,7 @@ def convert_contacts(request: Request) -> Draft:
     notes = (*notes, *hidden)
     joints = readings(columns, base.robot.n)
     base, loose = furnished(base, request, columns, centres)
-    rows = measurements(columns, joints, base.tools, base.targets)
-    dataset = replace(base, measurements=rows)
+    dataset = replace(base, measurements=measurements(columns, joints, base.tools, base.targets))
     loose.check(dataset)
     dataset = loose.settled(dataset)
     suspected = suspicion(dataset, loose.settled)

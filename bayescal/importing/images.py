@@ -4,7 +4,7 @@ Where no template states the lens, it follows from the images (`cv2.calibrateCam
 the board is on the flange is decided by the images: with the wrong one they fit no arm.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -197,7 +197,8 @@ def _detector(
             raise BayescalError(what, "--board", "cover the others, or use a board of many corners")
         return partial(_tag, detector), f"tag {board.family}"
     some = [pixels(cv2, path) for path in list(images.values())[:: max(len(images) // TRIED, 1)][:TRIED]]
-    ids = {text: _markers(cv2, text, some) for text in DICTIONARIES}
+    finders = {text: cv2.aruco.ArucoDetector(_dictionary(cv2, text)) for text in DICTIONARIES}
+    ids = {text: [k for grey in some for k in _tags(finder, grey)] for text, finder in finders.items()}
     text = max(ids, key=lambda name: len(ids[name]))
     sizes = (board.squares, board.size, board.marker)
     layouts = [cv2.aruco.CharucoBoard(*sizes, _dictionary(cv2, text)) for _ in "ab"]
@@ -216,12 +217,6 @@ def _detector(
 
 def _dictionary(cv2: Any, text: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{text}"))
-
-
-def _markers(cv2: Any, text: str, some: Iterable[np.ndarray]) -> list[int]:
-    """Numbers of all markers of a dictionary that are seen."""
-    detector = cv2.aruco.ArucoDetector(_dictionary(cv2, text))
-    return [k for grey in some for k in _tags(detector, grey)]
 
 
 def _subpixel(cv2: Any) -> Any:

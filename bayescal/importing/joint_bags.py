@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.errors import BayescalError, listed
+from bayescal.errors import BayescalError, listed, refused_as
 from bayescal.importing.joint_formats import EFFORTS, MESSAGES, Message, Record, Stream, joint_order, of_logs
+from bayescal.statistics import grouped
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
@@ -55,25 +56,19 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
     """
     reader = of_logs("rosbags.highlevel", path.name).AnyReader
     types = of_logs("rosbags.typesys", path.name)
-    try:
-        with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
-            return _record(bag, path.name, joints, robot, stated, topic)
-    except BayescalError:
-        raise
-    except Exception as error:  # rosbags fails in any way at parts that are damaged
-        what = f"the bag cannot be read: {error}"
-        remedy = "`ros2 bag reindex` repairs a recording that was stopped"
-        raise BayescalError(what, path.name, remedy) from None
+    store = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    remedy = "`ros2 bag reindex` repairs a recording that was stopped"
+    # rosbags fails in any way at parts that are damaged
+    refusal = refused_as("the bag cannot be read", path.name, remedy, Exception)
+    with refusal, reader([path], default_typestore=store) as bag:
+        return _record(bag, path.name, joints, robot, stated, topic)
 
 
 def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
     streams: list[tuple[str, Stream, tuple[str, ...]]] = []
     notes, why = [], []
     for kind, message in MESSAGES.items():
-        topics: dict[str, list[Any]] = {}
-        for c in bag.connections:
-            if c.msgtype == kind and c.msgcount:
-                topics.setdefault(c.topic, []).append(c)
+        topics = grouped((c.topic, c) for c in bag.connections if c.msgtype == kind and c.msgcount)
         commands = {t for t in topics if kind.endswith("JointState") and t != topic and COMMANDS.search(t)}
         commands = set() if len(commands) == len(topics) else commands
         for topic_, connections in topics.items():

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bayescal.arm.transforms import rpy_of
-from bayescal.errors import BayescalError, listed
+from bayescal.errors import BayescalError, listed, refused_as
 from bayescal.exporting.written import mujoco
 from bayescal.importing.ask import MOTION_FORMATS, Request
 from bayescal.importing.joint_bags import is_bag, read_bag
@@ -81,10 +81,8 @@ def _of_mjcf(path: Path) -> Arm:
     from bayescal.exporting.mjcf.scene_arm import above  # slow to import
 
     mj = mujoco()
-    try:
+    with refused_as("MuJoCo cannot load it", path.name, "correct the model", ValueError):
         model = mj.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise BayescalError(f"MuJoCo cannot load it: {error}", path.name, "correct the model") from None
     data = mj.MjData(model)
     hinges = [j for j in range(model.njnt) if model.jnt_type[j] == mj.mjtJoint.mjJNT_HINGE]
     arms = [j for j in hinges if not GRIPPER.search(model.joint(j).name)]

@@ -52,7 +52,7 @@ class Rows:
 
 
 def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
-    """The rows of a record with the quantities of its other streams, and in words what was left out."""
+    """The rows of a record with the quantities of its other streams; its notes, and what was left out."""
     rows, notes = _clean(record.rows)
     for other in record.others:
         clean, said = _clean(other)
@@ -73,7 +73,7 @@ def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
         rows = replace(rows, cells={**rows.cells, **more})
     if len(rows.time) < 2:
         raise BayescalError("fewer than two rows", record.name, "check the file")
-    return rows, tuple(notes)
+    return rows, (*record.notes, *notes)
 
 
 def _at(time: np.ndarray, stream: Stream, values: np.ndarray) -> np.ndarray:
@@ -153,13 +153,8 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     BayescalError
         For an unknown rule, quantities that not all records have, and fewer than two motions.
     """
-    notes: list[str] = []
-    streams = []
-    for each in records:
-        stream, more = on_one_clock(each)
-        streams.append(stream)
-        notes += [*each.notes, *more]
-    times = Counter(notes)
+    clean = [on_one_clock(each) for each in records]
+    streams, times = [stream for stream, _ in clean], Counter(note for _, said in clean for note in said)
     notes = [f"{note} (of {k} records)" if k > 1 else note for note, k in times.items()]
     for stream in streams:
         if lost := streams[0].cells.keys() ^ stream.cells.keys():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.errors import BayescalError, listed
+from bayescal.errors import BayescalError, listed, refused_as
 from bayescal.importing.columns import columns_of, missing_in
 from bayescal.importing.joint_formats import LEROBOT, OTHERS, SAGE, UR_RTDE, Record, Stream, of_logs, places
 from bayescal.importing.joint_torques import NORMALISED, misread
@@ -138,7 +138,8 @@ def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
     parquet = of_logs("pyarrow.parquet", files[0].name)
     parts: list[dict[str, np.ndarray]] = []
     for file in files:
-        try:
+        # pyarrow fails in any way at damaged files
+        with refused_as("not a parquet file", file.name, "give the file as it was written", Exception):
             table, part = parquet.read_table(file), {}
             for name in table.column_names:
                 column = table.column(name).combine_chunks()
@@ -146,9 +147,6 @@ def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
                 values = (column.flatten() if lists else column).to_numpy(zero_copy_only=False)
                 if values.dtype.kind in "fiu" and len(values) % max(len(table), 1) == 0:
                     part[name] = values.reshape(len(table), -1) if lists else values
-        except Exception as error:  # pyarrow fails in any way at damaged files
-            what = f"not a parquet file: {error}"
-            raise BayescalError(what, file.name, "give the file as it was written") from None
         parts.append(part)
     return {k: np.concatenate([p[k] for p in parts]) for k in parts[0] if all(k in p for p in parts)}
 
@@ -248,7 +246,8 @@ def _listed(
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
     """Times (N,), s, lists (N, k) by column, and the factor to s, of a table whose cells are lists."""
     log = read_log(path, headed=True, cut=True)
-    try:
+    remedy = "expected are the columns timestamp, positions, ..., with lists of one length"
+    with refused_as("not a table of SAGE", place, remedy, ValueError):
         time = np.array([float(row[log.header.index("timestamp")]) for row in log.rows])
         index = {c: log.header.index(c) for c in wanted.values() if c in log.header}
         lists = {c: np.array([json.loads(row[k]) for row in log.rows], float) for c, k in index.items()}
@@ -256,8 +255,5 @@ def _listed(
         first = next(iter(wanted.values()))
         if first not in lists:
             raise ValueError(f"no lists in a column `{first}`")
-    except ValueError as error:
-        remedy = "expected are the columns timestamp, positions, ..., with lists of one length"
-        raise BayescalError(f"not a table of SAGE: {error}", place, remedy) from None
     scale = 1e-6 if len(time) > 1 and np.median(np.diff(time)) > MICROSECONDS else 1.0
     return time * scale, lists, scale

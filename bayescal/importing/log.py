@@ -130,8 +130,7 @@ def sheet_lines(path: Path) -> Lines:
         a value.
     """
     file, _, sheet = path.name.partition("#")
-    book = path.with_name(file)
-    content = content_of(book)
+    content = content_of(path.with_name(file))
     remedy = "install it: `pip install bayescal[xlsx]`, or save the sheet as CSV"
     openpyxl = library("openpyxl", "workbooks need the package openpyxl", file, remedy)
     rows, sources, name = _rows(openpyxl.load_workbook, content, sheet, file)

@@ -253,9 +253,7 @@ def own_map(header: Sequence[str], units: Sequence[str], where: str) -> dict[str
     """
     every = known_columns(units)
     out: dict[str, Column] = {}
-    for name in header:
-        if name == CLEARANCE:
-            continue
+    for name in (column for column in header if column != CLEARANCE):
         if name not in every:
             what, remedy = unknown("column", name, every)
             raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")

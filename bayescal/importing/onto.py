@@ -230,8 +230,7 @@ def _given(log: Columns, reads: np.ndarray) -> np.ndarray:
     """Rows (N,) that have what an instrument reads: coordinates or a length."""
     out = np.ones(log.count, bool)
     for key, kind in (*dict.fromkeys("xyz", "xyz").items(), ("length", "length")):
-        column = log.cells.get(key, np.full(log.count, np.nan))
-        out &= (reads != kind) | np.isfinite(column)
+        out &= (reads != kind) | np.isfinite(log.cells.get(key, np.full(log.count, np.nan)))
     return out
 
 

@@ -11,6 +11,7 @@ from bayescal.dataset import Target
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, first
 from bayescal.importing.units import quantity
+from bayescal.statistics import grouped
 
 MEASURED_REFLECTORS = ("x", "y", "z", "length")
 """Quantities of which a file with one holds measurements, not conditions."""
@@ -186,9 +187,7 @@ def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
     shared = [key for key in names if key in log.cells]
     check_ids(log, shared)
     check_ids(points, names)
-    places: dict[tuple[str, ...], list[int]] = {}
-    for row, key in enumerate(_keys(points, ("id", *shared))):
-        places.setdefault(key, []).append(row)
+    places = grouped((key, row) for row, key in enumerate(_keys(points, ("id", *shared))))
     pairs = [(i, j) for i, key in enumerate(_keys(log, ("id", *shared))) for j in places.get(key, ())]
     if not pairs:
         what = f"no id of {log.name} is in {points.name}"
@@ -269,8 +268,7 @@ def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:
     moved = int((spread > STILL).any(axis=1).sum())
     if not moved:
         return []
-    most = int(np.argmax(spread.max(axis=0)))
-    column = log.said.get(names[most])
+    column = log.said.get(names[int(np.argmax(spread.max(axis=0)))])
     slides = column is not None and column.dimension == "length"
     size = f"{1e3 * spread.max():.2g} mm" if slides else f"{np.degrees(spread.max()):.2g} deg"
     what = f"the arm moved by up to {size} within {tolerance:g} s of {moved} of {len(times)} measurements"

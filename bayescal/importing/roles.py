@@ -20,8 +20,8 @@ from bayescal.storage.files import unknown
 REMEDY = "write every:5, stop (as every:5), last:20%, targets 'ball.*' or stops 'b*'"
 """Rules that are known."""
 
-SINGLE = ("length", "u", "time", "temperature", "payload")
-"""Quantities of one number a row, called alike in the rows of a dataset."""
+SINGLE = {"length": "mm", "u": "mm", "time": "s", "temperature": "°C", "payload": "kg"}
+"""Quantities of one number a row, called alike in the rows of a dataset, and their units in notes."""
 
 
 def stops_of(rows: Measurements) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.errors import BayescalError, listed
+from bayescal.errors import BayescalError, listed, refused_as
 from bayescal.logs.schema import OF_JOINTS, SCHEMA, Arm, LogFile, MotionEntry, Payload, known_keys
 from bayescal.logs.types import (
     CALIBRATE,
@@ -32,7 +32,7 @@ from bayescal.logs.types import (
 from bayescal.robots import load_robot
 from bayescal.robots.schema import SIX
 from bayescal.storage.files import Document, check_schema, column_of, in_si, read_document, si
-from bayescal.storage.reading import LARGEST, check_inside, content_of
+from bayescal.storage.reading import LARGEST, check_inside, content_of, library
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -209,16 +209,15 @@ def _table(folder: Path) -> tuple[DataFrame, bytes, str]:
         raise BayescalError(what, str(folder.name), f"give one of {', '.join(TABLES)}")
     name = there[0]
     content = content_of(folder / name)
-    try:
-        if name.endswith(".parquet"):
-            return _parquet(content, name), content, name
-        text = _unpacked(content, name) if name.endswith(".gz") else content
-        texts = {"motion": "category", "role": "category"}
+    if name.endswith(".parquet"):
+        return _parquet(content, name), content, name
+    text = _unpacked(content, name) if name.endswith(".gz") else content
+    texts = {"motion": "category", "role": "category"}
+    kinds = pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError
+    with refused_as("not a CSV table", name, "one cell a column, commas between", *kinds):
         # in parts: the words of a whole log take three times the memory of its numbers
         parts = pd.read_csv(io.BytesIO(text), dtype=texts, skip_blank_lines=False, chunksize=ROWS)
         table = pd.concat(parts, ignore_index=True)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise BayescalError(f"not a CSV table: {error}", name, "one cell a column, commas between") from None
     if not len(table):
         raise BayescalError("no rows below the header", f"{name}:1", "add rows")
     return table.rename(columns=str.strip), content, name
@@ -227,12 +226,9 @@ def _table(folder: Path) -> tuple[DataFrame, bytes, str]:
 def _parquet(content: bytes, name: str) -> DataFrame:
     import pandas as pd
 
-    try:
+    library("pyarrow", "Parquet needs pyarrow", name, "install bayescal[logs]")
+    with refused_as("not a Parquet table", name, "write it again", OSError, ValueError):
         table = pd.read_parquet(io.BytesIO(content))
-    except ImportError:
-        raise BayescalError("Parquet needs pyarrow", name, "install bayescal[logs]") from None
-    except (OSError, ValueError) as error:
-        raise BayescalError(f"not a Parquet table: {error}", name, "write it again") from None
     for column in {"motion", "role"} & set(table.columns):
         table[column] = table[column].astype(str)
     return table
@@ -240,11 +236,8 @@ def _parquet(content: bytes, name: str) -> DataFrame:
 
 def _unpacked(content: bytes, name: str) -> bytes:
     """Text of a gzip file, of bounded size: a small file can stand for a very large one."""
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(content)) as stream:
-            text = stream.read(4 * LARGEST + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise BayescalError(f"not a gzip file: {error}", name, "pack it again") from None
+    with refused_as("not a gzip file", name, "pack it again", OSError, EOFError, zlib.error):
+        text = gzip.GzipFile(fileobj=io.BytesIO(content)).read(4 * LARGEST + 1)
     if len(text) > 4 * LARGEST:
         raise BayescalError(f"unpacks to more than {4 * LARGEST / 1e9:.0f} GB", name, "divide it")
     return text
@@ -343,8 +336,7 @@ def _motions(
         if end - start < FEWEST_ROWS:
             what = f"motion `{label}` has {end - start} rows, at least {FEWEST_ROWS} are needed"
             raise BayescalError(what, f"{name}:{start + 2}", "remove it, or log it longer")
-        time = columns["time"][rows]
-        back = np.flatnonzero(np.diff(time) <= 0.0)
+        back = np.flatnonzero(np.diff(columns["time"][rows]) <= 0.0)
         if len(back):
             where = f"{name}:{start + back[0] + 3}"
             raise BayescalError("`t_s` does not increase", where, "sort, or repair it")
@@ -383,6 +375,5 @@ def _entries(
             stated[label] = MotionEntry(id=label, role=role)  # type: ignore[arg-type]
     else:
         held = order[-max(len(order) // VALIDATED, 1) :]
-        for label in order:
-            stated[label] = MotionEntry(id=label, role="validate" if label in held else "calibrate")
+        stated = {k: MotionEntry(id=k, role="validate" if k in held else "calibrate") for k in order}
     return stated

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.logs.types import PAIRS, Mechanism
-from bayescal.storage.files import Keys, Name, NotNegative, Number, Positive, Vector
+from bayescal.storage.files import Keys, Name, NotNegative, Number, Positive, Vector, stem_of
 from bayescal.storage.writing import Block, block_lines, flow, in_file, row_keys, scalar
 
 SCHEMA = "bayescal-motion/1"
@@ -53,18 +53,9 @@ class Joint(Keys):
     """Largest speed."""
 
 
-OF_JOINTS = {
-    "mass_kg": "mass",
-    "centre_of_mass_mm": "centre",
-    "inertia_kgm2": "inertia",
-    "gear_ratio": "gear_ratio",
-    "armature_kgm2": "armature",
-    "rated_torque_Nm": "rated",
-    "coulomb_Nm": "coulomb",
-    "viscous_Nms_per_rad": "viscous",
-    "limits_deg": "limits",
-    "max_velocity_degps": "fastest",
-}
+_FIELDS = {"centre_of_mass_mm": "centre", "rated_torque_Nm": "rated", "max_velocity_degps": "fastest"}
+_OF_FRAMES = ("name", "origin_mm", "rpy_deg", "axis")
+OF_JOINTS = {k: _FIELDS.get(k, stem_of(k)[0]) for k in Joint.model_fields if k not in _OF_FRAMES}
 """Keys of a joint, and the fields of `Mechanism` that they fill."""
 
 
@@ -249,18 +240,16 @@ def arm_text(m: Mechanism) -> str:
         **{key: getattr(m, field) for key, field in OF_JOINTS.items()},
         "inertia_kgm2": m.inertia[:, *np.transpose(PAIRS)],
     }
-    load: dict[str, np.ndarray | float] = {
-        "centre_of_mass_mm": m.payload_centre,
-        "radius_of_gyration_mm": m.payload_gyration,
-    }
-    speed = {"friction_transition_degps": m.transition} if m.transition else {}
+    centre = in_file("centre_of_mass_mm", m.payload_centre, DIGITS)
+    gyration = in_file("radius_of_gyration_mm", m.payload_gyration, DIGITS)
+    speed = in_file("friction_transition_degps", m.transition, DIGITS) if m.transition else None
     block: Block = {
         "joints": [
             flow([("name", scalar(name)), *row_keys(columns, k, DIGITS)])
             for k, name in enumerate(m.joint_names)
         ],
-        **{key: in_file(key, value, DIGITS) for key, value in speed.items()},
-        "payload": flow((key, in_file(key, value, DIGITS)) for key, value in load.items()),
+        "friction_transition_degps": speed,
+        "payload": flow([("centre_of_mass_mm", centre), ("radius_of_gyration_mm", gyration)]),
     }
     return "\n".join(block_lines(block)) + "\n"
 

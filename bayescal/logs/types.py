@@ -166,16 +166,12 @@ def with_bodies(m: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
             second = (axes * np.maximum(moments, THINNEST * np.max(moments))) @ axes.T
             inertia[k] = np.trace(second) * np.eye(3) - second
             changed.append(m.joint_names[k])
-    notes = []
-    if assumed:
-        notes.append(
-            f"no inertia is stated of {listed(assumed)}: that of a rod of the link's length is assumed"
-        )
-    if changed:
-        notes.append(
-            f"no body has the inertia that is stated of {listed(changed)}: the nearest one is assumed"
-        )
-    return replace(m, inertia=inertia) if notes else m, tuple(notes)
+    said = {
+        "no inertia is stated of {}: that of a rod of the link's length is assumed": assumed,
+        "no body has the inertia that is stated of {}: the nearest one is assumed": changed,
+    }
+    notes = tuple(text.format(listed(names)) for text, names in said.items() if names)
+    return replace(m, inertia=inertia) if notes else m, notes
 
 
 def or_nan(values: np.ndarray | None, *shape: int) -> np.ndarray:
@@ -236,11 +232,10 @@ class Motion:
         parts = [p for p in parts if self.time[p.stop - 1] - self.time[p.start] >= SHORTEST]
         parts = [p for p in parts if p.stop - p.start >= FEWEST_ROWS]
         columns = {f.name for f in fields(self)} - {"name", "role", "kind", "same_as", "line"}
+        measured = {c: x for c in columns if (x := getattr(self, c)) is not None}
         out = []
         for k, rows in enumerate(parts, 1):
-            values: dict[str, Any] = {
-                c: None if (x := getattr(self, c)) is None else x[rows] for c in columns
-            }
+            values: dict[str, Any] = {c: x[rows] for c, x in measured.items()}
             name = f"{self.name} ({k})"
             out.append(replace(self, name=name, same_as=name, line=self.line + rows.start, **values))
         return tuple(out)

@@ -202,17 +202,11 @@ def schema_of(name: str) -> dict[str, Any]:
     for part in (schema, *schema.get("$defs", {}).values()):
         for key, entry in part.get("properties", {}).items():
             entry.pop("title", None)
-            _add_unit(key, entry)
+            if (unit := stem_of(key)[1]) and "description" in entry:
+                entry["description"] += f" Unit: {UNITS.get(unit, unit)}."
     return {"$schema": DIALECT, **schema, "title": f"{name}.yaml of bayescal"}
 
 
 def schema_text(name: str) -> str:
     """The schema of `schema_of` as text."""
     return json.dumps(schema_of(name), indent=1, ensure_ascii=False) + "\n"
-
-
-def _add_unit(key: str, entry: dict[str, Any]) -> None:
-    """State the unit of a key at the end of its description."""
-    unit = stem_of(key)[1]
-    if unit and "description" in entry:
-        entry["description"] = f"{entry['description']} Unit: {UNITS.get(unit, unit)}."

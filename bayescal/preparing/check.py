@@ -70,7 +70,6 @@ def _images(dataset: Dataset, table: Table) -> Iterator[Finding]:
 
 def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
     """What `fit` refuses, each line once."""
-    lines: set[str] = set()
     findings = [Finding.of(e, _code(e)) for e in plausibility.problems(dataset, table, document)]
     for code, check in (
         ("torque_sign", lambda: consistency.check_sign(dataset, document)),
@@ -80,10 +79,10 @@ def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Fin
             check()
         except BayescalError as error:
             findings.append(Finding.of(error, code))
+    first: dict[str, Finding] = {}
     for finding in findings:
-        if finding.where not in lines:
-            lines.add(finding.where)
-            yield finding
+        first.setdefault(finding.where, finding)
+    yield from first.values()
 
 
 def _code(error: BayescalError) -> str:

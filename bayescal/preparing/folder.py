@@ -17,7 +17,7 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Certificate, PlanSettings, Target, Tool, schema
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.table import COLUMNS, JOINT, joint_columns
+from bayescal.dataset.table import COLUMNS, JOINT, known_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import ROBOT, certificate_keys, plan_block, target_keys, tool_keys
 from bayescal.errors import BayescalError
@@ -25,6 +25,7 @@ from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, ON_SPHERE, Artefact,
 from bayescal.probing.scene import Sizes
 from bayescal.robots import builtin_robots, full_name, load_robot, only_one_arm, robot_to_yaml
 from bayescal.robots import schema as robot_schema
+from bayescal.statistics import grouped
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.folders import filled
 from bayescal.storage.writing import block_lines, flow, scalar, templates_beside
@@ -208,14 +209,9 @@ def columns_of(draft: Draft) -> dict[str, tuple[str, ...]]:
     keys = {"id", "role", "target", "jN_deg", "jN_degps", "stop", "time_s", "payload_kg", "repeat"}
     keys |= {c for name in draft.outlines for c in ARTEFACTS[name].columns}
     keys |= {"tool"} if len(draft.tools) > 1 else set()
-    joints: dict[str, tuple[str, ...]] = {}
-    for kind, slid in JOINT.items():
-        for column, unit in zip(joint_columns(kind, draft.units), draft.units, strict=True):
-            key = f"jN_{slid if unit == 'mm' else kind}"
-            joints[key] = (*joints.get(key, ()), column)
     keys |= {f"jN_{JOINT[kind]}" for kind in ("deg", "degps")}
-    wanted = {key: joints.get(key, () if key.startswith("jN_") else (key,)) for key in COLUMNS if key in keys}
-    return {key: columns for key, columns in wanted.items() if columns}
+    every = grouped((re.sub(r"^j\d+", "jN", column), column) for column in known_columns(draft.units))
+    return {key: tuple(every[key]) for key in COLUMNS if key in keys and key in every}
 
 
 README, SCHEMA_OF_ROBOT = "README.md", ".robot.schema.json"

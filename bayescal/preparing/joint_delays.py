@@ -196,8 +196,7 @@ def _piece(log: Log, motion: int, e: Uniform, part: slice, every: int) -> _Piece
     low = butter(2, high, fs=1 / e.step, output="sos")
     drivers = sosfiltfilt(low, np.concatenate(parts, axis=2), axis=0)
     rows = np.arange(edge, len(q) - edge, every)
-    grid = e.step * np.arange(len(q))
-    speed = speeds(grid, q)
+    speed = speeds(e.step * np.arange(len(q)), q)
     turns = np.diff(np.sign(speed), axis=0, prepend=0.0) != 0.0
     since = np.maximum.accumulate(np.where(turns, np.arange(len(q))[:, None], 0), axis=0)
     beyond = (np.abs(speed) > SLIDING[0]) & (np.abs(q - np.take_along_axis(q, since, axis=0)) > SLIDING[1])

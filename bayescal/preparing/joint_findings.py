@@ -265,8 +265,7 @@ def _turned(log: Log, table: str) -> Iterator[Finding]:
     spans = np.array([np.ptp(m.position, axis=0) for m in log.motions])
     usual = np.median(middles, axis=0)
     for j, name in enumerate(log.mechanism.joint_names):
-        away = middles[:, j] - usual[j]
-        each = zip(away.tolist(), spans[:, j], strict=True)
+        each = zip((middles[:, j] - usual[j]).tolist(), spans[:, j], strict=True)
         kinds = [_whole(x) if span < 0.25 * TURN else "" for x, span in each]
         for turns in dict.fromkeys(filter(None, kinds)):
             which = [k for k, kind in enumerate(kinds) if kind == turns]

@@ -44,8 +44,7 @@ def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
     out, names = [], log.mechanism.joint_names
     for name, e, load, speed, rotor in zip(names, torque.T, rigid.T, v.T, a.T, strict=True):
         drivers = np.column_stack([np.tanh(speed / SLOW[1]), speed, load, rotor, np.ones(len(speed))])
-        gains = np.linalg.lstsq(drivers, e, rcond=None)[0]
-        friction = drivers[:, :2] @ gains[:2]
+        friction = drivers[:, :2] @ np.linalg.lstsq(drivers, e, rcond=None)[0][:2]
         if np.mean(friction * speed) < 0 and np.std(friction) > DRIVES * np.std(e):
             out.append(name)
     return tuple(out)

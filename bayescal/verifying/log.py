@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, refused_as
 from bayescal.exporting.log_arm import mechanism_of_run, text_of, values_of
 from bayescal.exporting.written import mujoco
 from bayescal.logs import Log, Mechanism, read_log
@@ -264,10 +264,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     if "<mujoco" not in text:
         what = "is no MJCF: the torques of a joint log are verified with the rotors, which other formats lack"
         raise BayescalError(what, str(path), "export the arm with --to mjcf, and verify that file")
-    try:
+    with refused_as("MuJoCo does not load it", str(path), "export the arm again", ValueError):
         model = simulator.MjModel.from_xml_string(text)
-    except ValueError as error:
-        raise BayescalError(f"MuJoCo does not load it: {error}", str(path), "export the arm again") from None
     if model.nv != log.n:
         raise BayescalError(f"has {model.nv} joints, the log {log.n}", str(path), "export the arm again")
     nominal = simulator.MjModel.from_xml_string(nominal_arm(log).text)
@@ -278,12 +276,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     offset, gain = by_joint(values, log.n, "offset"), 1.0 + by_joint(values, log.n, "constant")
     gravity, start = np.array(record["gravity_mps2"]), at_nominal(log, np.ones(log.n))
     aligned = replace(start, shift=np.full(log.n, 1e-3 * record["torque_shift_ms"]))
-    before: list[np.ndarray] = []
-    after: list[np.ndarray] = []
-    differences: list[np.ndarray] = []
-    for s in parts:
-        if s.role != VALIDATE:
-            continue
+    before, after, differences = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
+    for s in (part for part in parts if part.role == VALIDATE):
         tilted = regressor(fitted, s.q, s.dq, s.ddq, gravity)
         load = payload_of(log.mechanism) * s.payload[:, None, None]
         slow = np.abs(s.unfiltered(s.dq)) < SLIDING

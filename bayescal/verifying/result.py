@@ -15,7 +15,7 @@ import numpy as np
 
 from bayescal.effects import ALWAYS
 from bayescal.effects.geometry import GEOMETRY
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, refused_as
 from bayescal.exporting.geometry import constant
 from bayescal.exporting.mjcf.elastic import sprung
 from bayescal.exporting.written import AGAIN, mujoco, pinocchio, read_sidecar, sidecar_of
@@ -204,12 +204,10 @@ def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: st
     tree = ET.fromstring(ET.tostring(root))
     ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", fusestatic="false", balanceinertia="true",
                   boundmass="1e-6", boundinertia="1e-9")  # fmt: skip
-    try:
+    with refused_as("MuJoCo refuses the file", where, AGAIN, ValueError, KeyError):
         model = mj.MjModel.from_xml_string(ET.tostring(tree, encoding="unicode"))
         addresses = [model.joint(name).qposadr[0] for name in joints]
         body = model.body(tip).id
-    except (ValueError, KeyError) as error:
-        raise BayescalError(f"MuJoCo refuses the file: {error}", where, AGAIN) from None
     data = mj.MjData(model)
 
     def poses(angles: np.ndarray) -> np.ndarray:
@@ -224,10 +222,8 @@ def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: st
 
 
 def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
-    try:
+    with refused_as("Pinocchio refuses the file", where, AGAIN, ValueError, RuntimeError):
         model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
-    except (ValueError, RuntimeError) as error:
-        raise BayescalError(f"Pinocchio refuses the file: {error}", where, AGAIN) from None
     for exists, kind, names in ((model.existJointName, "joint", joints), (model.existFrame, "link", [tip])):
         for name in names:
             if not exists(name):

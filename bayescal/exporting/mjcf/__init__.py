@@ -125,18 +125,11 @@ def write(arm: FittedArm, options: Options) -> Written:
         table = replay_table(content, joints, not options.into, file.details.get("renamed", {}))
         more[SCRIPT] = Path(replay.__file__).read_text(encoding="utf-8")
         more[TABLE] = json_text(table, rows=False)
-    factors = [
-        f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
-        for load in loads(content)
-        if load.factor != 1.0
-    ]
-    return replace(
-        file,
-        items=tuple(_items(whole, joints.names, bodies)),
-        beside=more,
-        notes=[*file.notes, *factors],
-        details={**file.details, "readings": options.readings},
-    )
+    text = "a further mass acts {:.6g} times: set the body payload so (tool {})"
+    factors = [text.format(load.factor, load.name) for load in loads(content) if load.factor != 1.0]
+    items = tuple(_items(whole, joints.names, bodies))
+    details = {**file.details, "readings": options.readings}
+    return replace(file, items=items, beside=more, notes=[*file.notes, *factors], details=details)
 
 
 def holds(arm: FittedArm, k: int) -> bool:

@@ -98,14 +98,9 @@ def law_of(content: Content) -> Law:
     lost = np.zeros(robot.n)
     for p, value in content.driven("direction"):
         lost[p.site.number - 1] -= value
-    return Law(
-        robot.link_from_reading,
-        robot.link_from_reading + _linear(content),
-        robot.offset,
-        _waves(content),
-        lost,
-        np.linalg.inv(robot.link_from_reading) if side == READING else np.eye(robot.n),
-    )
+    nominal = robot.link_from_reading
+    geared = np.linalg.inv(nominal) if side == READING else np.eye(robot.n)
+    return Law(nominal, nominal + _linear(content), robot.offset, _waves(content), lost, geared)
 
 
 def bare(law: Law) -> Law:

@@ -7,6 +7,7 @@ import copy
 import os
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid
-from bayescal.errors import BayescalError, listed
+from bayescal.errors import BayescalError, listed, refused_as
 from bayescal.exporting.same_arm import FileArm, Match, match
 from bayescal.exporting.written import mujoco
 from bayescal.exporting.xml_text import XmlText
@@ -200,8 +201,7 @@ def _written(spec: Any, name: str) -> np.ndarray:
 
 
 def _pose(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    w, x, y, z = quat
-    return rigid(Rotation.from_quat((x, y, z, w)).as_matrix(), pos)
+    return rigid(Rotation.from_quat(quat, scalar_first=True).as_matrix(), pos)
 
 
 ROOTS = ("mujoco", "mujocoinclude")
@@ -274,10 +274,8 @@ def _with_included(text: str, path: Path, main: Path, seen: list[Path]) -> str:
 def _check_same(path: Path, model: Any) -> None:
     """Refuse a text with included parts that MuJoCo reads otherwise than the files."""
     mj = mujoco()
-    try:
+    with _refused(path.name):
         whole = mj.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise _refused(error, path.name) from None
     sizes = ("nq", "nv", "nu", "nbody", "ngeom", "nmesh", "nsite", "neq", "ntendon", "nkey")
     same = all(getattr(whole, s) == getattr(model, s) for s in sizes) and whole.names == model.names
     if not (same and (whole.body_pos == model.body_pos).all() and (whole.body_mass == model.body_mass).all()):
@@ -293,10 +291,8 @@ def spec_of(text: str, folder: Path, where: str) -> Any:
     BayescalError
         If MuJoCo is not installed, or refuses the text.
     """
-    try:
+    with _refused(where):
         spec = mujoco().MjSpec.from_string(text)
-    except ValueError as error:
-        raise _refused(error, where) from None
     spec.modelfiledir = str(folder.resolve())
     return spec
 
@@ -308,17 +304,13 @@ def compiled(text: str, folder: Path, where: str) -> Any:
 
 def model_of(spec: Any, where: str) -> Any:
     """The model of an MjSpec; errors as of `spec_of`."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of MuJoCo, on details of the user's file
-            return spec.compile()
-    except ValueError as error:
-        raise _refused(error, where) from None
+    with _refused(where), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of MuJoCo, on details of the user's file
+        return spec.compile()
 
 
-def _refused(error: ValueError, where: str) -> BayescalError:
-    reason = " ".join(str(error).split())
-    return BayescalError(f"MuJoCo refuses the file: {reason}", where, "correct it, with its meshes")
+def _refused(where: str) -> AbstractContextManager[None]:
+    return refused_as("MuJoCo refuses the file", where, "correct it, with its meshes", ValueError)
 
 
 def skeleton(root: ET.Element) -> str:

@@ -270,8 +270,7 @@ def _flange(scene: Scene) -> None:
     flange.extend(elements(PARTS.tips(machine.loads)))
     if scene.yields:
         flange.set("childclass", PARTS.CLASS)
-        row = scene.content.row
-        number_ = int(scene.content.arm.dataset.measurements.tool[row])
+        number_ = int(scene.content.arm.dataset.measurements.tool[scene.content.row])
         flange.extend(elements(PARTS.tool(machine.loads[number_])))
 
 
