@@ -318,7 +318,7 @@ def _diagnosed(
         of_final = either("the stated uncertainty of the refit", lambda: stated(final).limited, None)
     of_final = final.covariance if of_final is None else of_final
     of_masses = partial(wrong_masses, decision.hypothesis.state, stated_masses(last.fitted))
-    masses = either("errors of the stated masses", of_masses, "")
+    masses = "" if decision.weighed[0].unmodelled else either("errors of masses", of_masses, "")
     determined = partial(undetermined, final)
     lacking = either("what is not determined", lambda: determined(identifiability(final, of_final)), ())
     reduction: tuple[Shrinkage, ...] = ()

@@ -76,7 +76,8 @@ def test_masses_that_do_not_fit_are_corrected_first(found):
     """The page said: calibrate with the model as it is."""
     gap = replace(diagnosis(found.model.scene.dataset, "null"), masses="the stated masses do not fit")
     record = record_of(found, "null") | gap_record(gap)
-    assert record["words"][0] == "No effect found but errors of the stated masses (see the warning)"
+    found_of = "No effect found but what errors of the stated masses explain (see the warning)"
+    assert record["words"][0] == found_of
     text = words(run_page(Run("gap", record, "runs/x")))
     assert "Calibrate with the model as it is." not in text
     assert text.index("What to do next") < text.index("Weigh the tool, find its centre of mass")
