@@ -6,7 +6,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.root import check_format, command, print_as, progress, said, show
+from bayescal.cli.root import check_format, command, print_as, progress, run_folder, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.public import arms, console, starting
@@ -72,21 +72,17 @@ def _numbers(text: str, option: str, what: str, remedy: str, count: int | None =
 @command(
     "bayescal export runs/cell-fit --to urdf --into arm.urdf#tool0",
     "bayescal export runs/cell-gap --to mjcf --with backlash --out arm.xml",
+    calls=arms.export,
     at_time="at-time-s",
 )
 def export(
     run: Path = typer.Argument(metavar="RUN"),
     to: str = typer.Option(help=f"Format: {', '.join((*FORMATS, CERTIFICATE))}."),
     out: Path | None = None,
-    into: str = "",
-    with_: str = "",
-    without: str = "",
-    readings: str = "plain",
     at_time_s: float | None = None,
-    at_row: str = "",
     certificate: str = "",
     schema: str = "",
-    force: bool = False,
+    **options: Any,
 ) -> None:
     """Export the arm of a run folder of fit or gap, and state what the file cannot hold.
 
@@ -117,23 +113,20 @@ def export(
     force
         Export in spite of reasons against it.
     """
-    from bayescal.public.budgets import CertificateResult
-    from bayescal.public.budgets import certificate as certify
+    from bayescal.public import budgets
 
-    result: CertificateResult | arms.ExportResult
+    result: budgets.CertificateResult | arms.ExportResult
     if to == CERTIFICATE:
-        if into or with_ or without or at_time_s is not None or at_row or readings != "plain":
+        force = options.pop("force")
+        if at_time_s is not None or any(value not in ("", None, "plain") for value in options.values()):
             what = "a certificate states the arm as it was fitted"
             raise BayescalError(what, "--to dcc", "leave out the options of other formats")
-        result = certify(run, certificate, schema=schema, force=force)
+        result = budgets.certificate(run, certificate, schema=schema, force=force)
     else:
         if certificate or schema:
             what = f"{to} has no administrative data"
             raise BayescalError(what, "--certificate", "use it with --to dcc")
-        result = arms.export(
-            run, to, into=into, with_=with_, without=without, readings=readings, at_time=at_time_s,
-            at_row=at_row or None, force=force,
-        )  # fmt: skip
+        result = arms.export(run, to, at_time=at_time_s, **options)
     written = result.save(out)
     terminal = console()
     terminal.print(result.report())
@@ -159,10 +152,7 @@ def verify(
     out
         Run folder to write [default: runs/<file>-verify].
     """
-    from bayescal.storage.folders import claimed
-
-    folder = out or Path("runs") / f"{file.stem}-verify"
-    with claimed(folder, "verify.json"), progress() as notify:
+    with run_folder(out, [file.with_suffix("")], "verify") as folder, progress() as notify:
         result = arms.verify(run, file, progress=notify)
         written = result.save(folder)
     show(result.report(), folder, written)

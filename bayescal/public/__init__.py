@@ -169,13 +169,9 @@ class FitResult(Draws, Positioned):
 
     def report(self, verbose: bool = False) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
-        from rich.console import Group
-
-        from bayescal.reporting.fit import agreement_summary
         from bayescal.reporting.fit.summary import fit_summary
 
-        summary = fit_summary(self._new(), self.record, verbose)
-        return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
+        return fit_summary(self._new(), self.record, verbose, self.agreement)
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write record, page, draws, budgets, robot.yaml, arm.json, dataset and, where `pictures`, figures.
@@ -296,14 +292,9 @@ class GapResult(Diagnosis, Positioned):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from rich.console import Group
-
-        from bayescal.reporting.fit import verdicts
         from bayescal.reporting.gap.summary import gap_summary
-        from bayescal.reporting.text import facts
 
-        summary = gap_summary(self._new(), self.record)
-        return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
+        return gap_summary(self._new(), self.record, self.agreement)
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write gap.json, gap.html, arm.json, the dataset, the figures where `pictures`; return the names."""

@@ -19,16 +19,18 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.compensating import Compensation
+    from bayescal.exporting.export import Exported
     from bayescal.exporting.log_arm import LogExport
     from bayescal.fitted.arm import FittedArm
     from bayescal.verifying.log import LogVerification
+    from bayescal.verifying.result import Verification
 
 
 @dataclass(frozen=True, repr=False)
 class ExportResult(Printed):
     """An exported arm; `print` shows what the file cannot hold. `data` is the complete result, in SI."""
 
-    data: Any  # Exported, LogExport
+    data: Exported | LogExport
 
     @property
     def content(self) -> str | bytes:
@@ -57,19 +59,6 @@ class ExportResult(Printed):
 
     def __repr__(self) -> str:
         return f"<{self.data.format} of {self.data.robot}>"
-
-
-@dataclass(frozen=True, repr=False)
-class LogExportResult(ExportResult):
-    """The exported arm of a joint log."""
-
-    data: LogExport
-
-    def report(self) -> RenderableType:
-        """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.fit import export_summary
-
-        return export_summary(self.data)
 
 
 def export(
@@ -120,8 +109,7 @@ def export(
     >>> urdf.data.missing
     ()
     """
-    from bayescal.exporting.export import export as work
-    from bayescal.exporting.export import format_of
+    from bayescal.exporting import export as work
     from bayescal.exporting.log_arm import export_log
 
     if (log := fitted_log(run)) is not None:
@@ -131,12 +119,12 @@ def export(
             )
         if log.folder is None:
             raise BayescalError("the result is not saved", "export", "save it, and export its run folder")
-        return LogExportResult(export_log(log.folder, log.record, to))
-    format_of(to)  # before a session is fitted again
+        return ExportResult(export_log(log.folder, log.record, to))
+    work.format_of(to)  # before a session is fitted again
     arm = arm_of(run, names(with_), names(without))
     name = f"{arm.dataset.robot.name}-calibrated"
     return ExportResult(
-        work(
+        work.export(
             arm, to, into=str(into), readings=readings, time=at_time, row=at_row, force=force, name=name
         )
     )  # fmt: skip
@@ -285,7 +273,7 @@ def check_out(out: Path, targets: Path) -> None:
 class VerificationResult(Printed):
     """An exported file in its simulator. `data` is the complete result, in SI."""
 
-    data: Any  # Verification, LogVerification
+    data: Verification | LogVerification
 
     @property
     def passed(self) -> bool:
@@ -313,32 +301,9 @@ class VerificationResult(Printed):
         return filled(Path(folder), {"verify.json": json_text(self.record)})
 
     def __repr__(self) -> str:
-        most = 1e6 * self.data.levels[-1].maximum
-        verdict = "passed" if self.passed else "failed"
-        return f"<verification of {self.data.path.name}: {verdict}, {most:.2g} µm at most>"
-
-
-@dataclass(frozen=True, repr=False)
-class LogVerificationResult(VerificationResult):
-    """The arm of a joint log in MuJoCo; `print` shows torque errors of withheld motions."""
-
-    data: LogVerification
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """The content of verify.json."""
-        from bayescal.verifying.log import record_of
-
-        return record_of(self.data)
-
-    def report(self) -> RenderableType:
-        """The text that `bayescal verify` prints, for rich."""
-        from bayescal.reporting.motion.fit import verify_summary
-
-        return verify_summary(self.data)
-
-    def __repr__(self) -> str:
-        return f"<verification of {self.data.path.name}: {'passed' if self.passed else 'failed'}>"
+        levels = getattr(self.data, "levels", ())  # none of a joint log
+        most = f", {1e6 * levels[-1].maximum:.2g} µm at most" if levels else ""
+        return f"<verification of {self.data.path.name}: {'passed' if self.passed else 'failed'}{most}>"
 
 
 def verify(
@@ -371,5 +336,5 @@ def verify(
     from bayescal.verifying.result import verify as verified
 
     if fitted_log(run) is not None:
-        return LogVerificationResult(verify_log(Path(run), Path(file)))
+        return VerificationResult(verify_log(Path(run), Path(file)))
     return VerificationResult(verified(Path(run), Path(file), progress))

@@ -31,8 +31,7 @@ def robot_text(model: Model, robot: Robot) -> str:
         for p in priors(model)
         if p.parameter.unit in PRIOR_UNITS.values()
     )
-    names = {p.name for p in learnt}
-    others = tuple(p for p in robot.priors if p.name not in names)
+    others = tuple(p for p in robot.priors if p.name not in {q.name for q in learnt})
     comment = (
         f"{robot.name} with the priors learnt from {len(model.arms)} arms by bayescal fleet.\n"
         "For a further arm of this model: it is nominal, not calibrated."

@@ -124,9 +124,8 @@ def fit(
     >>> bool(result.parameters.loc["a2", "u"] < result.parameters.loc["a2", "prior_sd"])
     True
     """
+    from bayescal import calibration
     from bayescal.assess.agreement import agreement
-    from bayescal.calibration import fit as run
-    from bayescal.calibration import usual_model
     from bayescal.model.options import FitOptions
     from bayescal.posterior.checkpoint import Checkpoint
 
@@ -135,7 +134,7 @@ def fit(
         motions.refuse("the calibration from a joint log", fit, locals(), *OF_LOG, "samples", "seed")
         return motions.fit_log(folder, samples, seed, progress)
     session = session_of(others, remounted, True, allow_xacro)
-    effects = names(model) or usual_model(session)
+    effects = names(model) or calibration.usual_model(session)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
     kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
@@ -148,7 +147,7 @@ def fit(
                 progress=progress, checkpoint=kept,
             )
         )  # fmt: skip
-    fitted = run(
+    fitted = calibration.fit(
         session, effects, options, without=names(without), samples=samples, progress=progress, checkpoint=kept
     )
     if not session.sessions:
@@ -259,12 +258,11 @@ def simulate(
     >>> session
     <simulated session simulated: 100 rows>
     """
+    from bayescal import simulation
     from bayescal.dataset.read import expanded_robot
     from bayescal.robots import full_name, is_xacro, load_robot
-    from bayescal.simulation import Options
-    from bayescal.simulation import simulate as run
 
-    valid = [f.name for f in fields(Options)]
+    valid = [f.name for f in fields(simulation.Options)]
     if unknown := [name for name in options if name not in valid]:
         what = f"there is no option {', '.join(unknown)}"
         raise BayescalError(what, "simulate", f"known: {', '.join(valid)}")
@@ -275,12 +273,12 @@ def simulate(
         if excess := [name for name in options if name not in PRACTICE]:
             what = f"a set-up states {', '.join(excess)} itself"
             raise BayescalError(what, "simulate", f"options with a set-up: {', '.join(PRACTICE)}")
-        asked = Options(effects=names(effects), seed=seed, **options)
+        asked = simulation.Options(effects=names(effects), seed=seed, **options)
         expanded = expanded_robot(Path(setup)) if allow_xacro else None
         return SimulatedSession(practice(read_setup(Path(setup), expanded), asked))
-    asked = Options(robot=full_name(robot), effects=names(effects), seed=seed, **options)
+    asked = simulation.Options(robot=full_name(robot), effects=names(effects), seed=seed, **options)
     arm = load_robot(robot, allow_xacro=True)[0] if allow_xacro and is_xacro(robot) else None
-    return SimulatedSession(run(asked, arm))
+    return SimulatedSession(simulation.simulate(asked, arm))
 
 
 def compare(

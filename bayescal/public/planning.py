@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public import FitResult, GapResult, Result, SimulatedSession, motions, table
+from bayescal.public import FitResult, GapResult, Result, motions, table
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
 from bayescal.storage.reading import MOTION, TOGETHER, Json, run_record
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from bayescal.planning.plan import Continuation
     from bayescal.planning.pool import Setup
     from bayescal.planning.result import Plan
-
-    Source = Dataset | SimulatedSession | str | PathLike[str]
+    from bayescal.public.functions import Source
 
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 """Files by which a path of `after` is known."""
@@ -255,7 +254,7 @@ def plan(
     for form in formats_of(names(to)):
         form.moves(where.dataset.robot)
     effects = names(model) or (open_.effects if open_ else MODEL)
-    count, varied = usual_count(where) if contacts is None else contacts, tuple(names(levers))
+    count, varied = usual_count(where) if contacts is None else contacts, names(levers)
     options = PlanOptions(count, purpose, effects, varied, order, candidates, seed, validation=validation)
     if open_:
         without = parts_of(open_.without, effects)
@@ -269,18 +268,17 @@ def _setup(
 ) -> tuple[Setup, Continuation | None]:
     """The setup, and what a diagnosis leaves open."""
     from bayescal.dataset.read import expanded_robot, no_rows
-    from bayescal.planning.plan import continuation
-    from bayescal.planning.plan import continued as left_open
+    from bayescal.planning import plan as plans
     from bayescal.planning.setup import continued, read_setup, stated
 
     if isinstance(after, GapResult) and after.data is None:
         after = after.folder
     if isinstance(after, GapResult):
         assert after.data is not None
-        return continued(after.data.dataset), left_open(after.record, "the diagnosis")
+        return continued(after.data.dataset), plans.continued(after.record, "the diagnosis")
     if isinstance(after, str | PathLike) and (Path(after) / GAP).is_file():
         measured = session_of(source, allow_xacro=allow_xacro)
-        return continued(measured), continuation(measured, Path(after))
+        return continued(measured), plans.continuation(measured, Path(after))
     if isinstance(after, str | PathLike) and not (Path(after) / SETTINGS).is_file():
         remedy = "give a measured dataset, or a run folder of bayescal gap"
         raise BayescalError(f"there is no {SETTINGS} and no {GAP}", str(after), remedy)

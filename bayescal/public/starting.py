@@ -142,7 +142,7 @@ class CheckResult(Printed):
         """The report, to be printed by a `rich.console.Console`."""
         from bayescal.reporting.check import check_summary
 
-        return check_summary(self.data)
+        return check_summary(self.data, self.record)
 
     def __repr__(self) -> str:
         from bayescal.reporting.check import said

@@ -187,8 +187,7 @@ def _face(normal: np.ndarray, half: np.ndarray) -> np.ndarray:
 def stadium(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
     """The outline (M, 2) of all points within a radius of the segment from `a` to `b` (2,)."""
     along = b - a
-    start = np.arctan2(along[1], along[0]) - 0.5 * np.pi
-    half = start + np.linspace(0.0, np.pi, ROUND)
+    half = np.arctan2(along[1], along[0]) - 0.5 * np.pi + np.linspace(0.0, np.pi, ROUND)
     circle = radius * np.stack([np.cos(half), np.sin(half)], axis=1)
     return np.vstack([b + circle, a - circle])
 

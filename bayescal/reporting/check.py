@@ -9,8 +9,8 @@ from typing import Any
 from rich.console import RenderableType
 
 from bayescal.errors import listed
-from bayescal.preparing.check import Check, check_record
-from bayescal.preparing.joint_log import LogCheck, log_record
+from bayescal.preparing.check import Check
+from bayescal.preparing.joint_log import LogCheck
 from bayescal.preparing.missing import KINDS, Finding
 from bayescal.reporting.sheet import Column, Sheet, headed, screen
 from bayescal.reporting.text import MISSING, Facts, by_reason, with_u
@@ -22,18 +22,16 @@ MOST = 6
 """Targets that are listed each; more of one kind are counted."""
 
 
-def check_summary(of: Check | LogCheck) -> RenderableType:
-    """What is understood, what can be assessed, and all findings."""
+def check_summary(of: Check | LogCheck, record: Json) -> RenderableType:
+    """What is understood, what can be assessed, and all findings; `record` is that of the check."""
     if isinstance(of, LogCheck):
-        record = log_record(of)
         name, robot = record["dataset"], record["robot"]["name"]
         head = headed(name, robot if robot != name else "")
         return screen(head, _grouped(_log_lines(of, record)), "", joint_sheet(record))
-    record = check_record(of)
     return screen(f"{record['dataset']}  {record['robot']['name']}", _grouped(_lines(of, record)))
 
 
-def _lines(of: Check, record: dict[str, Any]) -> Facts:
+def _lines(of: Check, record: Json) -> Facts:
     for key, text in _understood(record):
         yield key, text, ""
     yield from _assessed(record)
@@ -128,7 +126,7 @@ def _grouped(lines: Facts) -> Facts:
         before = title
 
 
-def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _understood(r: Json) -> Iterator[tuple[str, str]]:
     masses = "with masses of the links" if r["robot"]["masses"] else "no masses of the links"
     yield "robot", f"{r['robot']['name']}, {r['robot']['joints']} joints, {masses}; readings: {r['readings']}"
     if r["robot"].get("two_arms"):

@@ -16,7 +16,6 @@ from bayescal.reporting.text import UM, model_label, um
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 
-COMPARE = "compare.json"
 SCHEMA = "bayescal-compare/1"
 
 LOCATED = (
@@ -116,4 +115,4 @@ def _parameters(solution: Solution) -> list[dict[str, Any]]:
 
 def write_comparison(comparison: Comparison, folder: Path) -> tuple[str, ...]:
     """Write compare.json atomically; return its name."""
-    return filled(folder, {COMPARE: json_text(comparison_record(comparison), rows=False)})
+    return filled(folder, {"compare.json": json_text(comparison_record(comparison), rows=False)})

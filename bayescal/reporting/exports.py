@@ -13,12 +13,15 @@ from bayescal.compensating import Compensation
 from bayescal.effects.geometry import TOOL
 from bayescal.effects.selection import plain as without_setting
 from bayescal.exporting.export import Exported
+from bayescal.exporting.log_arm import LogExport
 from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.gap import per_vector
+from bayescal.reporting.motion import fit as logs
 from bayescal.reporting.origin import plain, scaled
 from bayescal.reporting.sheet import Column, Sheet, screen
 from bayescal.reporting.text import MM, facts, listed, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
+from bayescal.verifying.log import LogVerification, record_of
 from bayescal.verifying.result import Verification
 
 SHOWN = 5
@@ -55,8 +58,10 @@ def _some(texts: Sequence[str]) -> Sequence[str]:
     return texts if more <= 0 else [*texts[:SHOWN], f"and {more} more"]
 
 
-def export_summary(export: Exported) -> RenderableType:
+def export_summary(export: Exported | LogExport) -> RenderableType:
     """Model, state, effects that the file does not hold, and notes."""
+    if isinstance(export, LogExport):
+        return logs.export_summary(export)
     arm = export.arm
     m = arm.dataset.measurements
     tools = {p.name for p in arm.model.parameters if p.effect == TOOL.name}
@@ -104,8 +109,10 @@ def _alternative(export: Exported) -> list[tuple[str, str, str]]:
 SCHEMA = "bayescal-verify/1"
 
 
-def record(v: Verification) -> dict[str, Any]:
+def record(v: Verification | LogVerification) -> dict[str, Any]:
     """The content of verify.json."""
+    if isinstance(v, LogVerification):
+        return record_of(v)
     measured = v.gap and {"before_model": v.gap.before_is} | _measured(v.gap)
     return {
         "schema": SCHEMA, "format": v.format, "file": v.path.name,
@@ -152,8 +159,10 @@ def _worse_words(v: Verification) -> str:
     return f"{words}{remedy if v.missing else ''}"
 
 
-def report(v: Verification) -> RenderableType:
+def report(v: Verification | LogVerification) -> RenderableType:
     """The verification in a few lines."""
+    if isinstance(v, LogVerification):
+        return logs.verify_summary(v)
     title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
     if v.gap is None:
         measured: Any = Text("The session has no validation measurements of positions: no gap is measured.")

@@ -102,18 +102,13 @@ def words(record: Json) -> list[str]:
     return out
 
 
-def _value(p: Json, run: int) -> str | None:
-    value = p["values"][run]
-    return None if value is None else with_u(value["value"], value["u"])
-
-
 def course_sheet(record: Json, some: Sequence[Json]) -> Sheet:
     """Values of all runs, and what changed."""
     runs = [r["date"] or r["folder"] for r in record["runs"]]
     shown = range(len(runs)) if len(runs) <= FEW else (0, len(runs) - 1)
     columns = (
         Column("parameter", lambda p: with_unit(p["name"], p["unit"])),
-        *(Column(runs[k], of_key(_value, k)) for k in shown),
+        *(Column(runs[k], of_key(lambda p, k: p["values"][k], k), lambda v: with_u(**v)) for k in shown),
         Column("change", lambda p: size(p, record) if p["change"] else None, words=True),
         Column("P", "probability", probability),
     )

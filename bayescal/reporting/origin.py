@@ -211,9 +211,9 @@ def images_record(estimate: Estimate | None) -> list[dict[str, Any]]:
 
 def images_lines(record: Json) -> Facts:
     """A line for each camera: effects and its sides, the largest first, and its noise."""
-    for k, (target, *words) in enumerate(_words(record)):
-        several = f"{target}: " if len(record["images"]) > 1 else ""
-        yield "" if k else "in the images", several + "; ".join(words), ""
+    several = len(record.get("images", ())) > 1
+    lines = (f"{target}: " * several + "; ".join(words) for target, *words in _words(record))
+    return under("in the images", lines)
 
 
 def hand_eye_lines(record: Json) -> Facts:

@@ -7,8 +7,8 @@ their marker. Text has its size at the width of the figure: a figure is drawn an
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ TITLE = 8.5
 SERIES = ("#12355b", "#b4441f", "#2f9e83", "#e0a526")
 """Colours of series, from dark to light; more series repeat them with other markers."""
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
+HOLLOW = {"markerfacecolor": "white"}
+"""Of open markers."""
 SIZE = 7.0
 """Text, pt; titles of a figure are larger by `LARGER`."""
 LARGER = 1.5
@@ -47,14 +49,11 @@ TICK = {"labelsize": SIZE, "length": 2.5, "width": 0.6, "pad": 2.0, "color": GRE
 """Parameters of the ticks of axes."""
 
 
-@contextmanager
-def drawing() -> Iterator[None]:
+def drawing() -> AbstractContextManager[None]:
     """Settings of Matplotlib under which all figures are drawn and written; the user's are left alone."""
     from matplotlib.style import context
 
-    styles: list[Any] = ["default", _SETTINGS]
-    with context(styles):
-        yield
+    return context(["default", _SETTINGS])
 
 
 def figure(width: float, height: float, title: Sequence[str]) -> Figure:

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
-from bayescal.reporting.figures.sheet import MM_PER_PT, Entry, Panel, width_of
-from bayescal.reporting.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, NOISE, SERIES
+from bayescal.reporting.figures.sheet import LANE, MM_PER_PT, Entry, Panel, Row, rows_panel, upright
+from bayescal.reporting.style import ACCENT, FAINT, GREY, HOLLOW, INK, MARKED, MARKERS, NOISE, SERIES
 from bayescal.reporting.text import level_labels, measured, per_residual, with_unit
 from bayescal.storage.reading import Json
 
@@ -17,8 +16,7 @@ MOST = 15
 INTERVAL: dict[str, Any] = {"color": FAINT, "lw": 5.0, "solid_capstyle": "butt"}
 INSIDE: dict[str, Any] = {"color": ACCENT, "marker": "o", "ls": "", "ms": 4}
 OUTSIDE: dict[str, Any] = {"color": MARKED, "marker": "X", "ls": "", "ms": 5}
-HOLLOW = {"markerfacecolor": "white", "ls": ""}
-BEFORE: dict[str, Any] = {"markeredgecolor": SERIES[1], "marker": "o", "ms": 4.5, **HOLLOW}
+BEFORE: dict[str, Any] = {"markeredgecolor": SERIES[1], "marker": "o", "ls": "", "ms": 4.5, **HOLLOW}
 AFTER: dict[str, Any] = {"color": SERIES[0], "marker": "s", "ls": "", "ms": 4.5}
 EXPECTED: dict[str, Any] = {"color": GREY, "lw": 1.6}
 NOISE_LINE: dict[str, Any] = {"color": GREY, "ls": "--", "lw": 1.0}
@@ -132,30 +130,23 @@ def _um(value: float) -> str:
 
 
 CONTACTS, POINTS, DISTANCES = "contacts", "points", "distances"
-SERIES_OF: dict[str, dict[str, str]] = {
-    "bayescal-fit/1": {
-        "heldout_planes_rms_um": CONTACTS, "distance_rms_um": DISTANCES, "points_mean_um": POINTS,
-    },
-    "bayescal-gap/1": {
-        "heldout_rms_um": CONTACTS, "distance_rms_um": DISTANCES, "point_length_rms_um": POINTS,
-    },
-}  # fmt: skip
-"""Keys of a level by schema, and what they are errors of."""
+SERIES_OF = {"heldout_planes_rms_um": CONTACTS, "heldout_rms_um": CONTACTS, "distance_rms_um": DISTANCES}
+SERIES_OF |= {"points_mean_um": POINTS, "point_length_rms_um": POINTS}
+"""Keys of a level of a fit or a diagnosis, and what they are errors of."""
 
 
 def levelled(record: Json) -> bool:
     """Whether any model level has an error of validation measurements."""
-    return any(step.get(key) for step in record["ladder"] for key in SERIES_OF[record["schema"]])
+    return any(step.get(key) for step in record["ladder"] for key in SERIES_OF)
 
 
 def levels_panel(record: Json) -> Panel:
     """Errors of validation measurements by model level, on a logarithmic scale."""
     levels = record["ladder"]
-    keys = dict(SERIES_OF[record["schema"]])
     fit = record["schema"] == "bayescal-fit/1"
+    drawn = {key: what for key, what in SERIES_OF.items() if any(step.get(key) for step in levels)}
     if not fit and per_residual(record):
-        del keys["heldout_rms_um"]  # per coordinate; the points are drawn by their lengths
-    drawn = {key: what for key, what in keys.items() if any(step.get(key) for step in levels)}
+        drawn.pop("heldout_rms_um", None)  # per coordinate; the points are drawn by their lengths
 
     def errors(step: Json) -> str:
         parts = (f"{what} {_um(step[key])}" for key, what in drawn.items() if step[key])
@@ -178,8 +169,6 @@ def levels_panel(record: Json) -> Panel:
     key += [Entry(text, style) for text, _, style in lines]
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
-        if not ends:
-            return
         scales.log_x(axes, ends)
         for _, value, style in lines:
             upright(axes, value, middles, style)
@@ -212,10 +201,7 @@ MOST_PARAMETERS = 48
 STYLES: dict[str, Any] = {
     "determined": ("identifiable", {"color": ACCENT, "marker": "o", "ls": "", "ms": 3.5}),
     "partly": ("weakly identifiable", {"color": SERIES[1], "marker": "s", "ls": "", "ms": 4}),
-    "prior_only": (
-        "not identifiable",
-        {"markeredgecolor": GREY, "markerfacecolor": "white", "marker": "D", "ls": "", "ms": 4},
-    ),
+    "prior_only": ("not identifiable", {"markeredgecolor": GREY, "marker": "D", "ls": "", "ms": 4, **HOLLOW}),
 }
 """Lists of fit.json, their text and their marks."""
 
@@ -335,7 +321,7 @@ def pair_panel(a: Json, b: Json, r: float, draws: Draws) -> Panel:
         axes.plot(x[some], y[some], ls="", marker="o", ms=1.4, mew=0, color=ACCENT, alpha=0.5)
         axes.axvline(float(np.mean(x)), color=GREY, lw=0.5, zorder=0)
         axes.axhline(float(np.mean(y)), color=GREY, lw=0.5, zorder=0)
-        scales.linear(axes.xaxis, width_of(axes), EACH)
+        scales.linear(axes.xaxis, scales.width_of(axes), EACH)
         scales.linear(axes.yaxis, SQUARE, scales.UP)
 
     return Panel(draw, SQUARE, f"correlation {r:+.2f}".replace("-", "−"), label(a), label(b), inset=INSET)

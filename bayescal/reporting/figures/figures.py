@@ -68,9 +68,7 @@ def _levels(record: Json) -> Content:
 
 
 def _validated(record: Json, some: bool) -> None:
-    if not some:
-        name = str(record["dataset"]["name"])
-        raise BayescalError("there are no validation measurements", name, "add rows with role validate")
+    _check(record, some, "there are no validation measurements", "add rows with role validate")
 
 
 def _arm(record: Json) -> Content:
@@ -84,8 +82,7 @@ def _parameters(record: Json) -> Content:
 
 
 def _fitted(record: Json) -> None:
-    if not estimates.of_arm(record):
-        raise BayescalError("no parameter of the arm was fitted", str(record["dataset"]["name"]), "fit one")
+    _check(record, bool(estimates.of_arm(record)), "no parameter of the arm was fitted", "fit one")
 
 
 def posterior_content(record: Json, draws: Draws, names: Sequence[str] = ()) -> Content:
@@ -150,9 +147,13 @@ def drawn(of: Content, wide: float = WIDTH, ax: Axes | None = None) -> Figure:
 
 def _needs(record: Json, *keys: str) -> None:
     for key in keys:
-        if key not in record:
-            name = str(record.get("dataset", {}).get("name", ""))
-            raise BayescalError(f"the record has no `{key}`", name, "repeat the command with this version")
+        _check(record, key in record, f"the record has no `{key}`", "repeat the command with this version")
+
+
+def _check(record: Json, there: bool, what: str, remedy: str) -> None:
+    """Refuse a record in which something is not there."""
+    if not there:
+        raise BayescalError(what, str(record.get("dataset", {}).get("name", "")), remedy)
 
 
 FAST = {"compress_level": 3}

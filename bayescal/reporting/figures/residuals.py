@@ -13,9 +13,8 @@ import numpy as np
 from bayescal.effects.location import Site
 from bayescal.reporting.body import View, fill, joints_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.scales import LANE, Row, rows_panel
-from bayescal.reporting.figures.sheet import Entry, Panel, width_of
-from bayescal.reporting.style import ACCENT, GREY, INK, MARKED, NOISE, SERIES
+from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, rows_panel
+from bayescal.reporting.style import ACCENT, GREY, HOLLOW, INK, MARKED, NOISE, SERIES
 from bayescal.reporting.text import significant
 from bayescal.statistics import chi2_isf, grouped, rms
 from bayescal.storage.reading import Json
@@ -30,13 +29,7 @@ MANY = 3000
 """Rows from which on their marks are an image in an SVG."""
 KINDS: dict[str, Any] = {
     "fitted": {"color": SERIES[0], "marker": "o", "ms": 2.2, "mew": 0},
-    "validation": {
-        "markeredgecolor": SERIES[1],
-        "markerfacecolor": "white",
-        "marker": "D",
-        "ms": 2.8,
-        "mew": 0.7,
-    },
+    "validation": {"markeredgecolor": SERIES[1], "marker": "D", "ms": 2.8, "mew": 0.7, **HOLLOW},
     "rejected": {"color": MARKED, "marker": "x", "ms": 3.5, "mew": 0.9},
 }
 """Marks of the rows by what they are used for."""
@@ -139,7 +132,7 @@ def time_panel(e: Errors, edge: float, title: str, share: float) -> Panel:
             x = e.x[(np.abs(e.value) > edge) & (np.sign(e.value) == side)]
             axes.plot(x, np.full(len(x), side * 0.97 * edge), ls="", marker=marker, ms=4, color=MARKED)
         axes.set_ylim(-edge if e.signed else 0.0, edge)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear(axes.xaxis, scales.width_of(axes))
         scales.linear(axes.yaxis, HEIGHT, scales.UP)
 
     x = "time (min)" if e.timed else "row"

@@ -3,6 +3,8 @@
 Sizes are in mm, so that a figure of 80 mm has the same text as one of 160 mm; panels that are beside each
 other in a wide figure are below each other in a narrow one. Text is wrapped to a width in mm: what keeps
 labels inside a figure.
+
+A panel of rows: the label and the numbers of a row are above its lane, so that long names have room.
 """
 
 from __future__ import annotations
@@ -12,6 +14,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from bayescal.reporting.figures.scales import MM_PER_INCH, width_of, without_y
 from bayescal.reporting.style import DPI, GREY, INK, LARGER, SIZE, TICK
 
 if TYPE_CHECKING:
@@ -50,10 +55,14 @@ def baseline(k: int) -> float:
 
 def wrapped(text: str, room: float, size: float = SIZE, bold: bool = False) -> list[str]:
     """Lines of a text that are at most `room` mm wide; a word that is wider is divided."""
-    out: list[str] = []
-    for paragraph in text.split("\n"):
-        out += _filled(_pieces(paragraph.split(), room, size, bold), room, size, bold) or [""]
-    return out
+    lines: list[str] = []
+    for word in _pieces(text.split(), room, size, bold):
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and width(longer, size, bold) <= room:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines or [""]
 
 
 def _pieces(words: Iterable[str], room: float, size: float, bold: bool) -> list[str]:
@@ -68,17 +77,6 @@ def _pieces(words: Iterable[str], room: float, size: float, bold: bool) -> list[
     return out
 
 
-def _filled(words: list[str], room: float, size: float, bold: bool) -> list[str]:
-    lines: list[str] = []
-    for word in words:
-        longer = f"{lines[-1]} {word}" if lines else word
-        if lines and width(longer, size, bold) <= room:
-            lines[-1] = longer
-        else:
-            lines.append(word)
-    return lines
-
-
 WIDTH = 160.0
 """Width of a figure, mm."""
 NARROW = 120.0
@@ -91,7 +89,6 @@ TALLER = 8.0
 """Length of the label of a y axis beyond that of the axis, mm."""
 HANDLE, COLUMN = 6.0, 3.0
 """Room for the sign of an entry of a legend, and between its columns."""
-MM_PER_INCH = 25.4
 
 Height = float | Callable[[float], float]
 
@@ -248,12 +245,6 @@ def _draw(axes: Any, panel: Panel) -> None:
     axes.set_ylabel("\n".join(wrapped(panel.y, panel.tall(inner) + TALLER)))
 
 
-def width_of(axes: Any) -> float:
-    """The width of axes, mm."""
-    figure: Any = axes.figure
-    return float(axes.get_window_extent().width / figure.dpi * MM_PER_INCH)
-
-
 def into(axes: Any, panel: Panel) -> Figure:
     """Draw a panel into the user's axes, with title and legend of Matplotlib; return their figure."""
     figure: Any = axes.get_figure(root=True)
@@ -273,3 +264,81 @@ def _handle(entry: Entry, text: str = "") -> Any:
 
     label = text or entry.text
     return Patch(label=label, **entry.style) if entry.patch else Line2D([], [], label=label, **entry.style)
+
+
+LANE, SPACE = 2.6, 1.4
+"""Height of a lane, and room below it, mm."""
+BETWEEN = 3.0
+"""Least room between a label and the numbers in the same line, mm."""
+BESIDE = 0.6
+"""Share of the width that numbers may take in the line of the label; longer ones are below it."""
+
+Lanes = Callable[[Any, Sequence[float]], None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row: its label, its numbers as text, and whether its label is emphasised."""
+
+    label: str
+    text: str = ""
+    strong: bool = False
+
+
+def _lines(row: Row, inner: float) -> tuple[list[str], list[str], float, float]:
+    """Lines of a label and of its numbers, how far below the label's top these begin, and the height; mm."""
+    taken = width(row.text) + BETWEEN if row.text else 0.0
+    if taken < BESIDE * inner:
+        label = wrapped(row.label, inner - taken, SIZE, row.strong)
+        return label, [row.text], 0.0, line() * len(label)
+    label, text = wrapped(row.label, inner, SIZE, row.strong), wrapped(row.text, inner)
+    return label, text, line() * len(label), line() * (len(label) + len(text))
+
+
+def rows_panel(
+    rows: Sequence[Row], lanes: Lanes, title: str = "", x: str = "", note: str = "", key: Sequence[Entry] = ()
+) -> Panel:
+    """A panel of rows.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        From top to bottom.
+    lanes : callable
+        Draws the data; given the axes and the middle of each lane in the y coordinate of the axes (mm from
+        the top). It sets the limits of x.
+    title, x, note, key
+        As for `Panel`.
+    """
+
+    def height(inner: float) -> float:
+        return sum(_lines(row, inner)[-1] + LANE + SPACE for row in rows) or 5.0
+
+    def draw(axes: Any) -> None:
+        inner, top, middles = width_of(axes), 0.0, []
+        for row in rows:
+            label, text, below, tall = _lines(row, inner)
+            _write(axes, label, 0, top, row.strong)
+            _write(axes, text, 0 if below else 1, top + below)
+            middles.append(top + tall + 0.5 * LANE)
+            top += tall + LANE + SPACE
+        axes.set_ylim(top or 1.0, 0)
+        axes.hlines(middles, 0, 1, transform=axes.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
+        without_y(axes)
+        lanes(axes, middles)
+
+    return Panel(draw, height, title, x, "", note, key)
+
+
+def _write(axes: Any, lines: Sequence[str], x: float, y: float, strong: bool = False) -> None:
+    for k, text in enumerate(filter(None, lines)):
+        axes.text(
+            x, y + baseline(k), text, transform=axes.get_yaxis_transform(), color=INK,
+            ha="right" if x else "left", fontweight="bold" if strong else "normal",
+        )  # fmt: skip
+
+
+def upright(axes: Any, x: float, middles: Sequence[float], style: Mapping[str, Any]) -> None:
+    """A vertical line at x, in the lanes alone: it does not cross the text between them."""
+    middle = np.asarray(middles, float)
+    axes.vlines(np.full(len(middle), x), middle - 0.5 * LANE, middle + 0.5 * LANE, zorder=0.5, **style)

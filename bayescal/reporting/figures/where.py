@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.scales import LANE, Row, rows_panel
-from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, rows_panel
 from bayescal.reporting.style import ACCENT, FAINT, GREY, MARKED
 from bayescal.reporting.text import not_assessed, per_residual, probability, rival, signed, significant
 from bayescal.storage.reading import Json
@@ -166,7 +165,7 @@ def binned(curve: Json) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 def _finish(axes: Any) -> None:
     axes.axhline(0, color=GREY, lw=0.5, zorder=0)
-    scales.linear(axes.xaxis, width_of(axes))
+    scales.linear(axes.xaxis, scales.width_of(axes))
     scales.linear(axes.yaxis, HEIGHT, scales.UP)
 
 

@@ -255,8 +255,7 @@ def _chance(pair: Pair) -> str:
 
 
 def _apart(compared: Agreement, pair: Pair) -> str:
-    order = np.argsort(-np.abs(pair.apart))
-    most = [k for k in order if abs(pair.apart[k]) > FAR][:SHOWN]
+    most = [k for k in np.argsort(-np.abs(pair.apart)) if abs(pair.apart[k]) > FAR][:SHOWN]
     where = ", ".join(f"{compared.names[k]} by {abs(pair.apart[k]):.1f} u" for k in most)
     return (
         f"{' and '.join(pair.sessions)} disagree ({_chance(pair)})"

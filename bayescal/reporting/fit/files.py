@@ -45,13 +45,10 @@ def budget_record(budgets: Sequence[Budget], basis: Basis, seed: int) -> dict[st
         **every[0],
         "unexplained_um": 1e6 * basis.excess,
         "unexplained_dof": basis.excess_dof,
-        "correlations": [
-            {"between": [a, b], "correlation": r} for a, b, r in (budgets[0].correlations if budgets else ())
-        ],
+        "correlations": [{"between": [a, b], "correlation": r} for a, b, r in budgets[0].correlations],
         "budgets": every,
     }
-    out: dict[str, Any] = plain(record)
-    return out
+    return plain(record)
 
 
 def measurand_record(budget: Budget) -> dict[str, Any]:

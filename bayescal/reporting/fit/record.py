@@ -26,18 +26,9 @@ from bayescal.reporting.body import arm_drawing
 from bayescal.reporting.figures import begun
 from bayescal.reporting.fit import agreement_record, disagreement
 from bayescal.reporting.fit.files import budget_csv, budget_record, fit_draws, parameter_draws
-from bayescal.reporting.origin import (
-    FACTORS,
-    LIBRARIES,
-    by_target,
-    entry,
-    images_record,
-    origin,
-    plain,
-    rows_record,
-)
+from bayescal.reporting.origin import LIBRARIES, by_target, entry, images_record, origin, plain, rows_record
 from bayescal.reporting.page.build import KINDS, write_page
-from bayescal.reporting.text import MM, UM
+from bayescal.reporting.text import MDEG, MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import put, whole
@@ -260,7 +251,8 @@ def _sizes(checks: Sequence[RowCheck], after: Errors, unit: str, before: Errors 
     """Sizes of the errors of validation measurements of all targets: lengths (µm) or angles (mdeg)."""
     if not checks:
         return {"count": 0}
-    factor, inside = FACTORS[unit], [inside95(c.residuals, c.predicted).ravel() for c in checks]
+    factor = MDEG if unit == "mdeg" else UM
+    inside = [inside95(c.residuals, c.predicted).ravel() for c in checks]
     nominal, interval = {}, {}
     if before is not None:
         nominal = entry(before, f"nominal_mean_{unit}=mean", f"nominal_max_{unit}=maximum")

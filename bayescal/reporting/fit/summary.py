@@ -6,6 +6,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
+from bayescal.assess.agreement import Agreement
 from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
@@ -33,10 +34,12 @@ MOST_FAMILIES = 3
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
 
-def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType:
+def fit_summary(
+    fit: Fit, record: Json, verbose: bool = False, compared: Agreement | None = None
+) -> RenderableType:
     """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions.
 
-    Tables are of the record of the fit.
+    Tables are of the record of the fit; `compared` is what the sessions of a joint fit say each by itself.
     """
     v, checked = fit.final.validation, record["validation"]["distances"]
     title = headed(fit.dataset.name, fit.dataset.robot.name)
@@ -54,7 +57,8 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
         *below(Sheet(sheets.TOLERANCE, decided)),
         *below(parameters if fit.final.estimate.model.parameters else None),
     )
-    return screen(title, result, steps, *tables, "", _details(fit, record, verbose))
+    agreement = below(sheets.agreement_summary(compared) if compared else None)
+    return screen(title, result, steps, *tables, "", _details(fit, record, verbose), *agreement)
 
 
 def _iso9283(record: Json) -> Iterator[RenderableType]:

@@ -141,10 +141,15 @@ def _least(spot: Json) -> str:
     return "not detectable" if never else text.quantity(least["value"], least["unit"])
 
 
+def likely(probability: float) -> Bar:
+    """A bar of a probability."""
+    return Bar(probability, text.probability(probability))
+
+
 NOT_ASSESSED = (Column("not assessed", 0), Column("why", 1, words=True))
 HYPOTHESES = (
     Column("set of effects", lambda h: " + ".join(map(text.rival, h["effects"])) or text.rival(NULL)),
-    Column("probability", "probability", lambda p: Bar(p, text.probability(p))),
+    Column("probability", "probability", likely),
     Column("log evidence (nats)", "log_evidence", lambda nats: text.signed(nats, 1)),
 )
 ADVICE = (

@@ -48,6 +48,15 @@ def either(sites: Sequence[Site], drivers: Sequence[str], dataset: Dataset) -> l
     return out
 
 
+def who_of(
+    who: str, here: Sequence[Site], neighbours: Sequence[Site], drivers: Sequence[str], dataset: Dataset
+) -> str:
+    """Who has an error at one site, or at others as text, or a neighbour at which it would look the same."""
+    of_text = [] if len(here) == 1 else [who]
+    each = of_text + either((*here, *neighbours) if not of_text else neighbours, drivers, dataset)
+    return f"{listed(each, 'or')} ({ALIKE})" if len(each) > 1 else who
+
+
 def site_text(where: Place, dataset: Dataset) -> str:
     """The sites of a location without articles: ``joint 6 or tool``."""
     each = either((where.site, *where.neighbours), [where.driver.kind], dataset)

@@ -18,17 +18,7 @@ from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.model.model import length_blocks
 from bayescal.reporting.gap import per_vector
-from bayescal.reporting.gap.causes import (
-    ALIKE,
-    PLAIN,
-    beside_base,
-    either,
-    gains,
-    sentence,
-    site_text,
-    sites,
-    when,
-)
+from bayescal.reporting.gap.causes import PLAIN, beside_base, gains, sentence, site_text, sites, when, who_of
 from bayescal.reporting.text import SURE, listed, probability, rival, um
 from bayescal.statistics import grouped
 
@@ -60,7 +50,7 @@ def named(effect: Named, gap: Gap) -> str:
     if who == BASE.text and drivers and MOVES.issuperset(drivers):
         named_sites = (BASE,)
     if len(named_sites) < 2:
-        who = _either(who, named_sites, effect.neighbours, drivers, gap.dataset)
+        who = who_of(who, named_sites, effect.neighbours, drivers, gap.dataset)
     elif BASE in named_sites and (also := beside_base(gap.dataset, drivers)):
         who = who.replace(BASE.text, f"{BASE.text} or the {also}")
         who += f" (these data do not distinguish the base and the {also})"
@@ -75,15 +65,6 @@ def named(effect: Named, gap: Gap) -> str:
     if len(named_sites) > 1:
         return f"{effect.effect} in {who} (each {words}; {p})"
     return f"{who} {words} ({effect.effect}, {p})"
-
-
-def _either(
-    who: str, here: Sequence[Site], neighbours: Sequence[Site], drivers: Sequence[str], dataset: Dataset
-) -> str:
-    """Who has an error at one site, or at others as text, or a neighbour at which it would look the same."""
-    of_text = [] if len(here) == 1 else [who]
-    each = of_text + either((*here, *neighbours) if not of_text else neighbours, drivers, dataset)
-    return f"{listed(each, 'or')} ({ALIKE})" if len(each) > 1 else who
 
 
 def together(each: Sequence[Site]) -> str:
@@ -230,7 +211,7 @@ def _class(causes: CauseClass, gap: Gap) -> str:
     kinds = [driver.kind for driver in causes.drivers]
     located = (w for w in gap.where if (w.site,) == causes.sites and w.driver.course in causes.drivers)
     alike = next((w.neighbours for w in located), ())
-    site = _either(together(causes.sites), causes.sites, alike, kinds, gap.dataset)
+    site = who_of(together(causes.sites), causes.sites, alike, kinds, gap.dataset)
     by = listed(driver.text for driver in causes.drivers if driver != CONSTANT)
     varies = f" that varies with {by}" if by else ""
     each = [

@@ -7,13 +7,15 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from bayescal.assess.agreement import Agreement
 from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
+from bayescal.reporting.fit import verdicts
 from bayescal.reporting.gap import causes
 from bayescal.reporting.origin import filed_lines, images_lines, scaled
-from bayescal.reporting.sheet import Column, Sheet, headed, inside, screen, terminal
+from bayescal.reporting.sheet import Column, Sheet, below, headed, inside, screen, terminal
 from bayescal.storage.reading import Json
 
 PLACES = 5
@@ -26,10 +28,11 @@ NOISE_FROM |= {"fit": "the fit", "stated": "dataset.yaml"}
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow", "class": "bold yellow"}
 
 
-def gap_summary(gap: Gap, record: Json) -> RenderableType:
+def gap_summary(gap: Gap, record: Json, compared: Agreement | None = None) -> RenderableType:
     """Verdict, size, locations, probabilities, model levels, next measurements, warnings: one screen.
 
     All is from the record of the diagnosis, but the texts of groups and amplitudes, which it does not have.
+    `compared` is what several sessions say each by itself.
     """
     nothing = record["verdict"] == "null"
     without = f" without {', '.join(record['without'])}" if record["without"] else ""
@@ -57,7 +60,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
         more = f" ({BLIND} of {len(blind.items)})" if len(blind.items) > BLIND else ""
         blind = replace(blind, items=blind.items[:BLIND])
         parts.append(terminal(blind, f"may be missed{more}", "plausible", "detectable", "distance error"))
-    return screen(*parts, _remarks(record))
+    return screen(*parts, _remarks(record), *below(verdicts(compared) if compared else None))
 
 
 def _size(record: Json) -> text.Facts:

@@ -285,8 +285,7 @@ def _simulator(run: page.Run, words: str = "Write the arm for a simulator:") -> 
 def torque(run: page.Run) -> page.Section | None:
     """Torque residuals of withheld motions."""
     record = run.record
-    expected = page.Text(f"expected: {EXPECTED}", "quiet")
-    tables = torque_sheet(record), expected, *_course(record)
+    tables = torque_sheet(record), page.Text(f"expected: {EXPECTED}", "quiet"), *_course(record)
     return page.blocks("torque", "Withheld motions", *tables)
 
 

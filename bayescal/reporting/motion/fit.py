@@ -245,11 +245,10 @@ def verify_summary(v: LogVerification) -> RenderableType:
 def replay_sheet(joints: Sequence[str], arms: Mapping[str, Tracking]) -> Sheet:
     """Errors of withheld motions that the simulator moves by the logged commands alone, joint by joint."""
     names = {"nominal": "nominal", "model": "fitted", "effects": "with the effects"}
-    heads = [f"{names[a]}, {unit}" for unit in ("deg", "N m") for a in arms]
-    columns = [[f"{x:.3g}" for x in np.rad2deg(of.rms)] for of in arms.values()]
-    columns += [[sheets.newton_metres(x) for x in of.torque] for of in arms.values()]
-    rows = list(zip(joints, *columns, strict=True))
-    return sheet_of_cells(("open-loop replay of the commands (RMS)", *heads), rows)
+    sizes = {f"{names[a]}, deg": np.rad2deg(of.rms) for a, of in arms.items()}
+    sizes |= {f"{names[a]}, N m": of.torque for a, of in arms.items()}
+    rows = zip(joints, *(map(sheets.newton_metres, x) for x in sizes.values()), strict=True)
+    return sheet_of_cells(("open-loop replay of the commands (RMS)", *sizes), rows)
 
 
 PLAN_SCHEMA = "bayescal-plan/1"

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,10 +20,11 @@ from bayescal.errors import BayescalError
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting import motion, text
+from bayescal.reporting.gap import likely
 from bayescal.reporting.origin import filed
 from bayescal.reporting.page import GENERATOR, Facts, Run, Section, Text, blocks, fit, gap, page, read_run
 from bayescal.reporting.page.common import inputs, interactive
-from bayescal.reporting.sheet import Bar, Column, Sheet, as_is, of_key, sheet_of_cells
+from bayescal.reporting.sheet import Bar, Column, Sheet, sheet_of_cells
 from bayescal.storage.files import write_together
 from bayescal.storage.folders import LIST, put, whole
 from bayescal.storage.reading import Json
@@ -266,34 +268,27 @@ def distances(runs: Runs) -> Section | None:
 def effects(runs: Runs) -> Section | None:
     """Probability of every effect, and amplitudes, of diagnoses."""
     some = labelled(runs, "gap")
-    if not some:
-        return None
     largest: dict[str, float] = {}
     for _, run in some:
         for name, p in run.record["probability"].items():
             largest[name] = max(largest.get(name, 0.0), p or 0.0)
     order = sorted((n for n in largest if largest[n] >= text.LEAST), key=lambda n: -largest[n])
-    probabilities = [Column(label, of_key(_probability, run), as_is) for label, run in some]
+    probabilities = [Column(label, run.record["probability"].get, likely) for label, run in some]
     table = Sheet((Column("effect", text.rival), *probabilities), order, "Probability of the effects")
     keys = dict.fromkeys(_key(a) for _, run in some for a in run.record["amplitudes"])
-    amplitudes = [Column(label, of_key(_amplitude, run)) for label, run in some]
+    amplitudes = [Column(label, _amplitudes(run).get) for label, run in some]
     name = Column("amplitude", lambda key: f"{key[0]} of {key[1]}: {key[2]}")
     sizes = Sheet((name, *amplitudes), list(keys), "Amplitudes of the named effects, with u")
     return blocks("effects", "Effects", table, sizes)
 
 
-def _key(a: Json) -> tuple[str, ...]:
-    return (a["effect"], a["site"], a["what"], a["unit"])
+_key = itemgetter("effect", "site", "what", "unit")
 
 
-def _probability(effect: str, run: Run) -> Bar | None:
-    p = run.record["probability"].get(effect)
-    return None if p is None else Bar(p, text.probability(p))
-
-
-def _amplitude(key: tuple[str, ...], run: Run) -> str | None:
-    amplitudes = (a for a in run.record["amplitudes"] if _key(a) == key)
-    return next((text.measured(a["value"], a["u"], a["unit"]) for a in amplitudes), None)
+def _amplitudes(run: Run) -> dict[tuple[str, ...], str]:
+    """Amplitudes as text; of several with the same key the first."""
+    each = reversed(run.record["amplitudes"])
+    return {_key(a): text.measured(a["value"], a["u"], a["unit"]) for a in each}
 
 
 def parameters(runs: Runs) -> Section | None:

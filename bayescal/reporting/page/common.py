@@ -41,8 +41,7 @@ def interactive(run: page.Run) -> dict[str, Any] | None:
         return None
     rows, sites = run.rows, marked_sites(run)
     points = np.array(rows["point_mm"], float)
-    base = np.array(run.record["arm"]["links_mm"][0])
-    away = np.median(points[:, :2], axis=0) - base[:2]
+    away = np.median(points[:, :2], axis=0) - run.record["arm"]["links_mm"][0][:2]
     angle = float(np.arctan2(away[1], away[0])) - np.radians(65.0)  # the arm from the side
     kinds = {s.kind for s in sites}
     return {
@@ -64,10 +63,8 @@ def interactive(run: page.Run) -> dict[str, Any] | None:
 
 def scene(run: page.Run) -> page.Section | None:
     """The arm in 3-D with its contacts."""
-    if not run.drawable:
-        return None
-    drawing = draw_arm(run, contacts=True)
-    return page.Section("arm", "Arm and measurements", "scene.html.j2", {"drawing": drawing})
+    context = {"drawing": draw_arm(run, contacts=True)}
+    return page.Section("arm", "Arm and measurements", "scene.html.j2", context) if run.drawable else None
 
 
 def residuals(run: page.Run, *tables: page.Block | None) -> page.Section | None:
@@ -192,10 +189,8 @@ def _components(one: Json) -> Sheet:
 
 def figures(run: page.Run) -> page.Section | None:
     """Figures of the run folder, as pictures with text alternatives."""
-    if not run.figures:
-        return None
     pictures = [page.picture(page.FIGURES[name], content) for name, content in run.figures.items()]
-    return page.Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
+    return page.Section("figures", "Figures", "figures.html.j2", {"pictures": pictures}) if pictures else None
 
 
 def inputs(run: page.Run) -> page.Section | None:

@@ -112,8 +112,7 @@ def _change(before: float, after: float) -> str:
 def _next(run: page.Run) -> list[tuple[str, str]]:
     folder, use = shlex.quote(run.folder), run.record["use"]
     words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
-    less = run.record.get("without", ())  # an earlier version has none
-    options = text.model_options(run.record["model"], less)
+    options = text.model_options(run.record["model"], run.record.get("without", ()))
     gap = f"bayescal gap {run.datasets}{options}"
     if use["next"] == "gap":
         return [(words, gap)]

@@ -12,8 +12,7 @@ from bayescal.dataset.table import CLEARANCE
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Target
 from bayescal.dataset.write import table_text, write_setup
-from bayescal.importing.onto import MEASURED
-from bayescal.importing.onto import PLAN as CONTACTS
+from bayescal.importing.onto import MEASURED, PLAN
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting import plan_sheets
@@ -137,9 +136,10 @@ def plan_page(plan: Plan, drawn: bytes, commands: Sequence[tuple[str, str]] = ()
         What to run when the contacts are measured: purpose (of `STEPS`) and command.
     """
     title = plan_sheets.title(plan)
+    contacts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [picture(title, drawn)]}
     parts = (
         _first(plan, commands),
-        _contacts(plan, drawn),
+        Section("contacts", "What to probe", "plan.html.j2", contacts),
         blocks("expected", f"What to expect, {plan_sheets.if_right(plan)}", plan_sheets.expected(plan)),
         _detectable(plan),
         blocks("confusable", "Confusable effects", plan_sheets.confusable(plan)),
@@ -172,15 +172,7 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     ).section()
 
 
-def _contacts(plan: Plan, drawn: bytes) -> Section:
-    shown = picture(plan_sheets.title(plan), drawn)
-    parts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [shown]}
-    return Section("contacts", "What to probe", "plan.html.j2", parts)
-
-
 def _detectable(plan: Plan) -> Section | None:
-    if not plan.detectable:
-        return None
     ratio = plan_sheets.detectability(plan)
     caption = f"Smallest detectable {ratio}" if ratio else ""
     sheet = plan_sheets.detectable(plan, every_site=True)
@@ -199,7 +191,7 @@ def _inputs(plan: Plan) -> Section | None:
     return blocks("inputs", "Inputs", Facts(lines))
 
 
-PLAN, PICTURE, PAGE = "plan.json", "plan.png", "plan.html"
+RECORD, PICTURE, PAGE = "plan.json", "plan.png", "plan.html"
 
 
 def commands(folder: Path, targets: Sequence[Target]) -> dict[str, str]:
@@ -207,7 +199,7 @@ def commands(folder: Path, targets: Sequence[Target]) -> dict[str, str]:
     run, board = shlex.quote(str(folder)), targets[0].texts.get("board", "")
     log = {"import": f"bayescal import LOG.csv --plan {run} --out SESSION"}
     if all(KINDS[t.kind].posed for t in targets):
-        joints = shlex.quote(str(folder / CONTACTS))
+        joints = shlex.quote(str(folder / PLAN))
         options = f"--board {shlex.quote(board)} --joints {joints} --template {run}"
         log = {"images": f"bayescal import IMAGES {options} --out SESSION" if board else ""}
     return {**log, "fit": "bayescal fit SESSION", "gap": "bayescal gap SESSION"}
@@ -237,12 +229,12 @@ def write_plan(
     from bayescal.reporting.style import png_of
 
     later = commands(folder, plan.session.targets)
-    texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}
+    texts = {PLAN: table_of_plan(plan), RECORD: json_text(plan_record(plan, later), rows=False)}
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
     for form in formats_of(formats, probe):
         texts |= form.files(plan, probe or Probe())
-    with whole(folder, PLAN) as stage:
+    with whole(folder, RECORD) as stage:
         drawn = png_of(draw_plan(plan))
         texts[PAGE] = plan_page(plan, drawn, tuple(later.items()))
         return *put(stage, {**texts, PICTURE: drawn}), *write_setup(plan.pool.setup.dataset, stage)

@@ -233,7 +233,8 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     angles = of_units(arm, every[row])
     chain = np.vstack([posed(arm, angles)[0], points[row]])
     content = np.vstack([chain, points]) if contacts else chain
-    view = _view(content)
+    views = (View.of(azimuth, ELEVATION) for azimuth in VIEWS)
+    view = max(views, key=lambda v: float(np.ptp(content @ v.right)))  # from the side where it is widest
     flat = view.seen(content)
     shown = [o for o in outlines(arm, angles, view) if contacts or o.kind != "artefact"]
     count = len(arm["joints"]) + len(sites)
@@ -282,12 +283,6 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     named = ", ".join(s.text for s in sites)
     words = f"The arm {arm['robot']} in a typical pose" + (f"; marked: {named}" if named else "")
     return drawing(sheet.width, sheet.height, parts, words)
-
-
-def _view(points: np.ndarray) -> View:
-    """The view from the side where points (N, 3) are widest."""
-    views = [View.of(azimuth, ELEVATION) for azimuth in VIEWS]
-    return max(views, key=lambda v: float(np.ptp(points @ v.right)))
 
 
 @dataclass(frozen=True)
