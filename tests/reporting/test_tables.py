@@ -140,6 +140,7 @@ def test_the_headline_is_that_of_the_table(rms, unknown, words):
         arm=None,
         calibrated=None,
         scatter=None,
+        masses="",
         magnitude=SimpleNamespace(noise=5e-6, noise_interval95=(4e-6, 6e-6), measured=(measured,)),
         dataset=SimpleNamespace(noise=SimpleNamespace(contact=None, point=5e-6)),
     )
