@@ -229,13 +229,13 @@ EXACT = 1e-4
 
 
 def placed(times: int) -> np.ndarray:
-    """What whitens one certified value at so many placements, (times, times), of unit variance each."""
+    """What whitens one certified length at so many placements, (times, times), of unit variance each."""
     covariance = CORRELATION + (1.0 - CORRELATION) * np.eye(times)
     return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
 def again(each: Sequence[Certificate], targets: int) -> Certificate:
-    """One certified value at several placements, of so many targets each: its error is of the artefact."""
+    """One certified length at several placements, of so many targets each: its error is of the artefact."""
     white = placed(len(each))
 
     def residual(*x: np.ndarray) -> Residual:

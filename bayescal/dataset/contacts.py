@@ -139,13 +139,20 @@ def forms_of(targets: Sequence[Target]) -> tuple[str, str]:
     return KINDS[targets[0].kind].form, KINDS[targets[1].kind].form
 
 
+LENGTHS = ("distance", "diameter")
+"""Kinds of certificates that state a length alone."""
+
+
 def measured_again(certificates: Sequence[Certificate], fitted: Set[str]) -> list[tuple[int, ...]]:
-    """Certificates of fitted targets by number, those together that state one value at several placements."""
+    """Certificates of fitted targets by number, those together that state one length at several placements.
+
+    The directions of angles turn with the artefact: these are values of each placement.
+    """
     values: dict[tuple[Any, ...], list[int]] = {}
     for number, c in enumerate(certificates):
         if c.points is not None or fitted >= set(c.targets):
-            again = c.points is None and all("@" in name for name in c.targets)
-            key = (c.kind, c.parts, c.distance, c.u_distance, c.u_angle) if again else (number,)
+            again = c.kind in LENGTHS and all("@" in name for name in c.targets)
+            key = (c.kind, c.parts, c.distance, c.u_distance) if again else (number,)
             values.setdefault(key, []).append(number)
     return [tuple(numbers) for numbers in values.values()]
 

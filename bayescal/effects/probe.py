@@ -123,11 +123,12 @@ r"""Artefact: a certified value of parallelism, squareness or distance is in err
 Formula: $`v_\mathrm{true} = v_\mathrm{certified} + x`$; v is an angle or a length of a certificate.
 
 One parameter for each certified value, true minus certified; placements of one artefact (``ball.A@1``,
-``ball.A@2``) share it. Prior: ten times the stated uncertainty for an angle (assumed: a wrong certificate, or
-the certificate of another artefact, is in error by many times its uncertainty), three times for a length. The
-error moves neither the arm nor a contact. It is identifiable only if the contacts determine the same angle or
-distance independently. An error of a length is nearly confusable with a scale error of the arm: a wider prior
-for it would increase the uncertainty of every distance by more than the correction is worth.
+``ball.A@2``) share that of a length. Prior: ten times the stated uncertainty for an angle (assumed: a wrong
+certificate, or the certificate of another artefact, is in error by many times its uncertainty), three times
+for a length. The error moves neither the arm nor a contact. It is identifiable only if the contacts determine
+the same angle or distance independently. An error of a length is nearly confusable with a scale error of the
+arm: a wider prior for it would increase the uncertainty of every distance by more than the correction is
+worth.
 """
 
 GRANITE, TABLE = 3e-6, 1e-4  # m, root mean square

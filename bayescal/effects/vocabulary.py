@@ -55,7 +55,7 @@ class CertifiedValue:
     name: str
     unit: str  # "rad" or "m", that of u
     u: float
-    certificates: tuple[int, ...]  # of the session: one, or those of the same value at several placements
+    certificates: tuple[int, ...]  # of the session: one, or those of the same length at several placements
     rows: np.ndarray  # (values that each of them states,) 1 for this one, else 0
 
 

@@ -303,7 +303,7 @@ class Posed(Oriented):
 class Constraint:
     """Certificates between fitted targets: whitened residuals of their states.
 
-    `numbers` are those of one certificate, or of one value at several placements. A unit of each of the
+    `numbers` are those of one certificate, or of one length at several placements. A unit of each of the
     parameters `index` (P',) shifts the certified value by `shift` (P', rows), in units of its stated
     uncertainties `u` (rows,).
     """

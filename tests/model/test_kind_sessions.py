@@ -13,6 +13,7 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.assess.inputs import _certificates
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
+from bayescal.dataset.contacts import measured_again
 from bayescal.effects.geometry import LOOSE_ANGLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
@@ -150,6 +151,8 @@ def test_one_artefact_at_two_placements_has_one_error(cube):
     told = of_pieces(cube(seed=3, count=40), pieces, papers, planes=False).dataset
     other = tuple(replace(c, distance=0.06 + k * 1e-6) for k, c in enumerate(papers))  # of two artefacts
     each = [" ".join(pair) for pair in pairs]
+    turned = [Certificate("parallel", pair, 0.06, 4e-5, 1e-5) for pair in pairs]  # by directions in F0
+    assert measured_again(turned, {name for pair in pairs for name in pair}) == [(0,), (1,)]
     for certificates, numbers, names in ((papers, [(0, 1)], ["ball.A ball.B"]), (other, [(0,), (1,)], each)):
         fitted = calibrated(Scene(replace(told, certificates=certificates)), (*FULL, "artefact"))
         assert [(c.numbers, c.rows) for c in fitted.model.constraints] == [(n, len(n)) for n in numbers]
