@@ -228,7 +228,7 @@ EXACT = 1e-4
 """Of the root mean square uncertainty, assumed of every relation: the covariance then has an inverse."""
 
 
-def placed(times: int) -> np.ndarray:
+def whitening(times: int) -> np.ndarray:
     """What whitens one certified length at so many placements, (times, times), of unit variance each."""
     covariance = CORRELATION + (1.0 - CORRELATION) * np.eye(times)
     return np.linalg.inv(np.linalg.cholesky(covariance))
@@ -236,7 +236,7 @@ def placed(times: int) -> np.ndarray:
 
 def again(each: Sequence[Certificate], targets: int) -> Certificate:
     """One certified length at several placements, of so many targets each: its error is of the artefact."""
-    white = placed(len(each))
+    white = whitening(len(each))
 
     def residual(*x: np.ndarray) -> Residual:
         rows, slopes = [], []

@@ -117,8 +117,8 @@ def export(
 
     result: budgets.CertificateResult | arms.ExportResult
     if to == CERTIFICATE:
-        force = options.pop("force")
-        if at_time_s is not None or any(value not in ("", None, "plain") for value in options.values()):
+        force, readings = options.pop("force"), options.pop("readings")
+        if readings != "plain" or at_time_s is not None or any(options.values()):
             what = "a certificate states the arm as it was fitted"
             raise BayescalError(what, "--to dcc", "leave out the options of other formats")
         result = budgets.certificate(run, certificate, schema=schema, force=force)

@@ -26,7 +26,7 @@ from bayescal.model.options import USUAL, FitOptions, kept
 from bayescal.model.parts import POINTS, u_of
 from bayescal.model.scene import Scene
 from factors import certificate
-from factors.certificate import again, certified_points, placed
+from factors.certificate import again, certified_points, whitening
 from factors.contacts import Cylinder, Sphere
 from factors.kind import Kind
 
@@ -266,7 +266,7 @@ def _constraint(model: Model, numbers: tuple[int, ...], kinds: Mapping[str, Kind
         each = [_function(model.scene, e, [kinds[name] for name in e.targets]) for e in entries]
         function, u = again(each, len(entry.targets)), np.tile(u_of(entry, stated), times)
     index, drivers = model.driven(CERTIFICATE, [str(number) for number in numbers], len(u) // times)
-    shift = np.tensordot(drivers, placed(times), (1, 1)).swapaxes(1, 2).reshape(len(index), len(u)) / u
+    shift = np.tensordot(drivers, whitening(times), (1, 1)).swapaxes(1, 2).reshape(len(index), len(u)) / u
     return Constraint(entry.kind, names, numbers, function, u, index, shift)
 
 

@@ -76,10 +76,11 @@ def test_masses_that_do_not_fit_are_corrected_first(found):
     """The page said: calibrate with the model as it is."""
     gap = replace(diagnosis(found.model.scene.dataset, "null"), masses="the stated masses do not fit")
     record = record_of(found, "null") | gap_record(gap)
-    found_of = "No effect found but what errors of the stated masses explain (see the warning)"
-    assert record["words"][0] == found_of
+    doubt = "errors of the stated masses explain residuals (see the warning)"
+    assert record["words"][0] == f"No effect found, but {doubt}"
     text = words(run_page(Run("gap", record, "runs/x")))
     assert "Calibrate with the model as it is." not in text
+    assert "the model as it is, with errors of its masses, explains the data" in text
     assert text.index("What to do next") < text.index("Weigh the tool, find its centre of mass")
 
 

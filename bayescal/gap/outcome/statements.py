@@ -119,12 +119,14 @@ def wrong_masses(state: State, masses: Sequence[Parameter]) -> str:
     masses : sequence of Parameter
         Those errors.
     """
+    if not masses:
+        return ""
     p, size = state.problem, len(state.problem.z) - len(masses)
     bare = without_nuisance(p, size)
     fits = [fit_state(bare, state.columns, state.scales, w, state.robust) for w in (None, state.weight)]
     as_stated = max(fits, key=lambda fit: fit.log_evidence)
     gained = state.log_evidence - as_stated.log_evidence
-    if not masses or gained < BY_MASSES:
+    if gained < BY_MASSES:
         return ""
     kept = (state.weight[: p.lengths] > 0) & (as_stated.weight[: p.lengths] > 0)
     before, after = (1e6 * rms(p.metres(fit.residual)[kept]) for fit in (as_stated, state))

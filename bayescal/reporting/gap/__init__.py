@@ -121,9 +121,10 @@ def effects_sheet(record: Json) -> Sheet:
         Column("share of the excess", 4),
         Column("detectable from", 5),
     )
+    with_ = ", with errors of its masses," if record.get("masses") else ""
     caption = (
-        "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
-        "the data; 'unmodelled effect': none of the known effects does"
+        f"Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is{with_} "
+        "explains the data; 'unmodelled effect': none of the known effects does"
     )
     likely = sum((p or 0.0) >= text.LEAST for p in record["probability"].values())
     return Sheet(columns, items, caption, max(likely, 5))

@@ -277,7 +277,7 @@ def _nothing(gap: Gap) -> str:
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
     if gap.masses:
         beyond = f"; errors of {listed(odd)} are larger than the model predicts" if odd else ""
-        return f"{conclusion} but what errors of the stated masses explain (see the warning){beyond}"
+        return f"{conclusion}, but errors of the stated masses explain residuals (see the warning){beyond}"
     if odd:
         why = "; these measurements do not show why" if loose else ""
         return f"{conclusion}, but errors of {listed(odd)} are larger than the model predicts{why}"

@@ -171,7 +171,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
         yield "Probability of noise only", text.probability(null), f"from {record['gap']['heldout']}"
 
 
-WEIGH = "Weigh the tool, find its centre of mass, correct the masses in the files, and diagnose again."
+WEIGH = "Weigh the tool, find its centre of mass, correct stated masses, and diagnose again."
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
