@@ -6,11 +6,9 @@ validation data. Then the model levels are fitted: nominal, the baseline by effe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-
-import numpy as np
 
 from bayescal.assess.identifiability import identifiability
 from bayescal.assess.shared_causes import judged_level
@@ -28,10 +26,11 @@ from bayescal.gap.concluded import concluded, doubted, events_of
 from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
+from bayescal.gap.outcome.events import errors_with, uncertain
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins, residuals_in_time
-from bayescal.gap.outcome.statements import amplitudes, displaced, warnings, wrong_masses
-from bayescal.gap.result import Advice, BlindSpot, Gap, Shrinkage, Verdict
+from bayescal.gap.outcome.statements import Change, amplitudes, displaced, warnings, wrong_masses
+from bayescal.gap.result import Advice, BlindSpot, Event, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.gate import Tests, confirmed, contradiction
@@ -39,8 +38,8 @@ from bayescal.gap.search.refit import model_name, refit, still_without
 from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import FOLDED, LEFT_OUT, VALIDATED, validation_errors
-from bayescal.predict.errors import ValidationErrors, kept, without_rows
+from bayescal.predict.crossvalidation import FOLDED, LEFT_OUT, VALIDATED
+from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.predict.targets import check_located, leaving_out
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
@@ -56,7 +55,7 @@ class Explained:
     before: ValidationErrors  # of the baseline
     final: Estimate  # with the named effects
     after: ValidationErrors
-    unsure: tuple[int, ...] = ()  # rows of the session that may be before an event or after it: not scored
+    events: Mapping[str, tuple[Event, ...]] = field(default_factory=dict)  # sudden changes, by effect
     lost: tuple[str, ...] = ()  # what failed on the way, as sentences
     flat: bool = False  # the form of faces is one of the names, and no part of the models beside it
 
@@ -96,17 +95,14 @@ def explain(
         promoted = last is not first
     progress("refit", 0.6)
     events = attempted("rows of sudden changes", partial(events_of, last), {}, lost)
-    unsure = tuple(
-        row for of in events.values() for e in of for row in between(e.interval95, last.problem.rows)
-    )
 
     def errors(fitted: Estimate, without: str = LEFT_OUT) -> ValidationErrors:
-        return without_rows(validation_errors(fitted, without=without), unsure)
+        return errors_with(fitted, events, last.options, without)
 
     def compared(flat: bool) -> Explained:
         """Test the names with the form of uneven faces in all models, or in none."""
         before = errors(_beside(first, flat))
-        bare = Explained(first, last, promoted, before, _beside(last, flat), before, unsure, (), flat)
+        bare = Explained(first, last, promoted, before, _beside(last, flat), before, events, (), flat)
         alone: Tests = (before if last is first else errors(bare.beside),)
         if alone[0].how != VALIDATED:
             tests = (
@@ -140,6 +136,10 @@ def explain(
         bare = replace(explained, flat=False)  # the form is refused as a name: it is that of `fit`
         final = bare.refit(explained.last.decision.members)
         explained = replace(bare, before=errors(bare.baseline), final=final, after=errors(final))
+    if Change.of(explained.before, explained.after).refuted:  # all names together, though none alone
+        decision = explained.last.decision
+        decision = replace(decision, unclaimed=frozenset(m.effect for m in decision.members))
+        explained = replace(explained, last=replace(explained.last, decision=decision))
     return replace(explained, lost=tuple(lost))
 
 
@@ -151,11 +151,6 @@ def _names_form(e: Examined) -> bool:
 def _beside(e: Examined, flat: bool) -> Estimate:
     """The baseline without the form of faces, where that is a name, or with it."""
     return e.fitted if flat else e.complete
-
-
-def between(interval: tuple[int, int], fitted: np.ndarray) -> range:
-    """Rows of the session that may be before an event or after it: from the last fitted row before it on."""
-    return range(int(np.max(fitted[fitted < interval[0]], initial=-1)) + 1, interval[1])
 
 
 def _admitted(
@@ -293,6 +288,7 @@ def _diagnosed(
     first, last, final = explained.first, explained.last, explained.final
     before, after, decision = explained.before, explained.after, explained.last.decision
     noise = noise_floor(final, after.main)
+    unsure = uncertain(explained.events, last.problem.rows)
     progress("report", 0.8)
     of_magnitude, of_shrinkage = spawned(options.seed, 2)
     size = magnitude(explained.baseline, final, before, after, of_magnitude)
@@ -347,7 +343,7 @@ def _diagnosed(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *last.options.contrary,
             *filter(None, (masses,)),
-            *warnings(explained.baseline, final, before, after, lacking, explained.unsure),
+            *warnings(explained.baseline, final, before, after, lacking, unsure),
             *lost,
         ),
         refit=final.model.effects,
@@ -385,7 +381,7 @@ def _errors_of(e: Estimate, explained: Explained) -> ValidationErrors:
         return explained.after
     if e is explained.baseline:
         return explained.before
-    return without_rows(validation_errors(e, strict=False), explained.unsure)
+    return errors_with(e, explained.events, explained.last.options, strict=False)
 
 
 def _confirmed(explained: Explained) -> Estimate:

@@ -167,12 +167,24 @@ class ValidationErrors:
         return np.isin(self.rows, j.rows[out])
 
 
+PREDICTED = ("residual", "noise", "by_parameters", "noise_covariance", "by_readings")
+"""Arrays of `ValidationErrors` that depend on the model; the others are of the session."""
+OF_SESSION = ("rows", "kind", "group", "target", "block", "fold")
+
+
 def without_rows(held: ValidationErrors, rows: Sequence[int]) -> ValidationErrors:
     """The same errors without the residuals of some rows of the session."""
     use = ~np.isin(held.rows, rows)
-    names = ("residual", "noise", "by_parameters", "rows", "kind", "group", "target", "block", "fold")
-    arrays = ((name, getattr(held, name)) for name in (*names, "noise_covariance", "by_readings"))
+    arrays = ((name, getattr(held, name)) for name in (*PREDICTED, *OF_SESSION))
     return held if use.all() else replace(held, **{k: v[use] for k, v in arrays if v is not None})
+
+
+def with_rows_of(held: ValidationErrors, other: ValidationErrors, rows: Sequence[int]) -> ValidationErrors:
+    """The same errors with the residuals of some rows of the session as another model predicts them."""
+    mine = np.isin(held.rows, rows)
+    arrays = ((name, getattr(held, name), getattr(other, name)) for name in PREDICTED)
+    joined = {k: np.where(mine.reshape(-1, *[1] * (a.ndim - 1)), b, a) for k, a, b in arrays if a is not None}
+    return replace(held, **joined)
 
 
 def kept(*held: ValidationErrors) -> np.ndarray:

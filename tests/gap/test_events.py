@@ -24,12 +24,13 @@ from bayescal.fitted.file import check_restored, read_arm, restored
 from bayescal.gap.concluded import doubted, events_of
 from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.examine import examine
-from bayescal.gap.outcome.events import _with_fitted
+from bayescal.gap.outcome.events import _with_fitted, errors_with
+from bayescal.gap.outcome.statements import Change
 from bayescal.gap.outcome.where import _sudden
 from bayescal.gap.result import Event
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import CellFit
-from bayescal.model.options import FitOptions
+from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.preparing.missing import missing
@@ -66,6 +67,37 @@ def test_an_instrument_that_turned_is_named():
     assert low <= row - 1 <= high
     (turn,) = [a for a in gap.amplitudes if a.effect == "step" and a.unit == "rad"]
     assert abs(turn.value) == pytest.approx(angle, rel=0.15)
+
+
+def test_validation_rows_beside_an_event_count_with_its_most_probable_row():
+    """They are as with the row that is true: the same rows were fitted before it and after it."""
+    role = np.full(90, "calibrate", dtype=object)
+    role[40:60] = "validate"
+    session = shifted(with_columns(tracker(seed=3, count=90).dataset, role=role), {53: (4e-4, 0, 0)})
+    fits = {row: calibrated(Scene(session), (*MODEL, f"step@{row} at base")) for row in (41, 53, 61)}
+    wanted = validation_errors(fits[53])
+    for row in (41, 61):
+        assert not np.allclose(validation_errors(fits[row]).residual, wanted.residual, atol=1e-4)
+        events = {"step": (Event(row - 1, (40, 60)),)}
+        held = errors_with(fits[row], events, USUAL)
+        for name in ("residual", "noise", "by_parameters", "rows"):
+            np.testing.assert_allclose(getattr(held, name), getattr(wanted, name), rtol=1e-3, atol=1e-7)
+    unlike = errors_with(fits[41], {"step": (Event(40, (40, 40)),)}, USUAL)  # no row is uncertain
+    assert np.array_equal(unlike.residual, validation_errors(fits[41]).residual)
+    alone = calibrated(Scene(session), MODEL)  # a model without the change
+    held = errors_with(alone, events, USUAL)
+    assert np.array_equal(held.residual, validation_errors(alone).residual)
+
+
+def test_an_arm_is_without_names_that_increase_validation_errors(several, monkeypatch):
+    """Also where each of them alone passes the tests."""
+    assert several.arm.model.effects == several.refit != MODEL
+    monkeypatch.setattr(Change, "refuted", True)
+    refuted = diagnose(several.dataset, MODEL)
+    assert [n.effect for n in refuted.verdict.named] == [n.effect for n in several.verdict.named]
+    assert not any(n.confirmed for n in refuted.verdict.named)
+    assert refuted.arm.model.effects == MODEL
+    assert not any(s.claimed for s in refuted.shrinkage)
 
 
 def test_two_shifts_are_found_at_their_rows(several):

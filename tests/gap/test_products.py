@@ -14,7 +14,8 @@ from bayescal.effects.common import tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.estimate import calibrated
 from bayescal.gap import examine
-from bayescal.gap.diagnose import between
+from bayescal.gap.outcome.events import _between
+from bayescal.gap.result import Event
 from bayescal.gap.settings import CELLS, UNKNOWN
 from bayescal.model import USUAL
 from bayescal.model.scene import Scene
@@ -105,7 +106,7 @@ def test_a_kind_of_site_keeps_its_prior_whatever_its_cells_weigh(bench):
 )
 def test_rows_between_fitted_ones_may_be_before_an_event_or_after_it(interval, rows):
     fitted = np.array([0, 1, 2, 5, 9])
-    assert list(between(interval, fitted)) == rows
+    assert list(_between(Event(interval[0], interval), fitted)) == rows
 
 
 def test_rows_that_are_not_scored_leave_the_others_as_they_are(dataset):

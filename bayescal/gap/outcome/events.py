@@ -1,6 +1,8 @@
 """Sizes of unmodelled errors of a simple form: row and size of a sudden change, size of a rocking base.
 
 A generic cell tries a change at few rows, between which its row is therefore searched again.
+
+Validation errors of a model with sudden changes, whose rows are uncertain.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ import numpy as np
 
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.location import BASE, Driver, Site
+from bayescal.effects.selection import Selection
+from bayescal.estimate import Estimate
 from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state
@@ -21,6 +25,9 @@ from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool, with_columns, with_set
 from bayescal.gap.settings import CELLS, OUTCOME
+from bayescal.model import FitOptions, build, with_parameters
+from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, validation_errors
+from bayescal.predict.errors import ValidationErrors, with_rows_of, without_rows
 from bayescal.statistics import chi2_sf
 
 EVENT, ROCKING = Driver("event"), Driver("base moment", form="sign")
@@ -195,6 +202,76 @@ def _with_fitted(event: Event, v: Variant, number: int) -> Event:
         return event
     low, high = event.interval95
     return replace(event, interval95=(min(low, int(first) - 1), max(high, int(first) - 1)))
+
+
+def uncertain(events: Mapping[str, Sequence[Event]], fitted: np.ndarray) -> tuple[int, ...]:
+    """Rows of the session that may be before a sudden change or after it; `fitted` are the fitted ones."""
+    return tuple(row for of in events.values() for e in of for row in _between(e, fitted))
+
+
+def _between(event: Event, fitted: np.ndarray) -> range:
+    """Rows that may be before a change or after it: from the last fitted row before its interval on."""
+    low, high = event.interval95
+    return range(int(np.max(fitted[fitted < low], initial=-1)) + 1, high)
+
+
+def errors_with(
+    fitted: Estimate,
+    events: Mapping[str, Sequence[Event]],
+    options: FitOptions,
+    without: str = LEFT_OUT,
+    strict: bool = True,
+) -> ValidationErrors:
+    """Validation errors of a model with sudden changes.
+
+    Validation rows within the interval of a change count with the row of the change, between the same fitted
+    rows, that makes them most probable. Where rows that were fitted are left out in turn, rows within an
+    interval do not count: the fit has used them to find the change.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    events : mapping of str to sequence of Event
+        By effect, in the order of its setting.
+    options : FitOptions
+        Of the fit.
+    without, strict
+        As for `validation_errors`.
+    """
+
+    def errors(of: Estimate) -> ValidationErrors:
+        return validation_errors(of, strict=strict, without=without)
+
+    held, rows = errors(fitted), fitted.model.scene.rows("calibrate")
+    if held.how != VALIDATED:
+        return without_rows(held, uncertain(events, rows))
+    for name in fitted.model.effects:
+        selection = Selection.read(name)
+        count = len((selection.setting or "").split("/"))
+        for k, event in enumerate(events.get(selection.effect, ())[:count]):
+            between = _between(event, rows)
+            use = np.isin(held.joint.rows, between)
+            if not use.any():
+                continue
+            ends = (_changing(fitted, name, k, row, options) for row in (between[0], between.stop))
+            changed, unchanged = map(errors, ends)
+            cost = np.cumsum(np.append(0.0, (unchanged.joint.chi2 - changed.joint.chi2)[use]))
+            first = [*held.joint.rows[use], between.stop][int(np.argmin(cost))]
+            held = with_rows_of(held, unchanged, range(between[0], first))
+            held = with_rows_of(held, changed, range(first, between.stop))
+    return held
+
+
+def _changing(fitted: Estimate, name: str, number: int, row: int, options: FitOptions) -> Estimate:
+    """The estimate with a change of one of its effects from another row on, its parameters as fitted."""
+    model, selection = fitted.model, Selection.read(name)
+    setting = (selection.setting or "").split("/")
+    setting[number] = str(row + 1)
+    other = str(replace(selection, setting="/".join(setting)))
+    effects = tuple(other if effect == name else effect for effect in model.effects)
+    displaced = build(model.scene, effects, options).parameters
+    parameters = (replace(p, terms=q.terms) for p, q in zip(model.parameters, displaced, strict=True))
+    return replace(fitted, model=with_parameters(model.scene, effects, tuple(parameters)))
 
 
 def _apart(v: Variant, before: Sequence[Event], c: Circumstances) -> np.ndarray:

@@ -6,6 +6,7 @@ Amplitudes of the named effects, with standard uncertainty, from the parameters 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -150,34 +151,57 @@ def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:
     return np.array([usual.get(g, sd) for g, sd in zip(held.group, held.noise, strict=True)])
 
 
-def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
-    """Whether validation errors increase with the named effects, and if so whether their density falls too.
+@dataclass(frozen=True)
+class Change:
+    """How validation errors change by named effects: the RMS weights all rows alike, the density by its u."""
 
-    The RMS weights all rows alike, the log density each by its predicted uncertainty.
-    """
-    fair = kept(first, last)
-    old, new = rms(first.residual[fair], of_none=0.0), rms(last.residual[fair], of_none=0.0)
-    if new <= OUTCOME.grown * old:
+    before: float  # m, RMS of the residuals that are gross under one model at most
+    after: float
+    nats: float  # of log density
+    u: float
+
+    @classmethod
+    def of(cls, first: ValidationErrors, last: ValidationErrors) -> Change:
+        """That from one model to another."""
+        fair, (density, block) = kept(first, last), log_predictive(last)
+        before, after = (rms(held.residual[fair], of_none=0.0) for held in (first, last))
+        return cls(before, after, *difference(density - log_predictive(first)[0], block))
+
+    @property
+    def increased(self) -> bool:
+        """Whether errors increase."""
+        return self.after > OUTCOME.grown * self.before
+
+    @property
+    def refuted(self) -> bool:
+        """Whether errors increase, and their density falls by more than its uncertainty."""
+        return self.increased and self.nats < -OUTCOME.risen * self.u
+
+
+def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
+    """Whether validation errors increase with the named effects, and whether their density falls then."""
+    change = Change.of(first, last)
+    if not change.increased:
         return
-    density, block = log_predictive(last)
-    nats, se = difference(density - log_predictive(first)[0], block)
-    sizes = f"from {1e6 * old:.3g} to {1e6 * new:.3g} µm RMS per coordinate"
-    if abs(nats) <= OUTCOME.risen * se:
+    sizes = f"from {1e6 * change.before:.3g} to {1e6 * change.after:.3g} µm RMS per coordinate"
+    if change.refuted:
         yield (
-            f"validation errors do not decrease with the named effects ({sizes}); the change of their log "
-            f"density, {nats:+.1f} nats, is within its uncertainty of {se:.1f}"
+            f"validation errors increase with the named effects, {sizes}: these describe the calibration "
+            "rows only, and the arm is without them"
         )
-    elif nats > 0:
+    elif change.nats > OUTCOME.risen * change.u:
+        fair = kept(first, last)
         was, now = rms(first.sd[fair], of_none=0.0), rms(last.sd[fair], of_none=0.0)
         yield (
             f"validation errors increase with the named effects, {sizes}, but so does their log density, by "
-            f"{nats:.0f} nats: it weights each error by its predicted uncertainty (RMS {1e6 * was:.3g} µm, "
-            f"with the effects {1e6 * now:.3g} µm); the effects do not reduce errors everywhere"
+            f"{change.nats:.0f} nats: it weights each error by its predicted uncertainty (RMS "
+            f"{1e6 * was:.3g} µm, with the effects {1e6 * now:.3g} µm); the effects do not reduce errors "
+            "everywhere"
         )
     else:
         yield (
-            f"validation errors increase with the named effects, {sizes}: these describe the calibration "
-            "rows only; do not use them"
+            f"validation errors do not decrease with the named effects ({sizes}); the change of their log "
+            f"density, {change.nats:+.1f} nats, is within its uncertainty of {change.u:.1f}"
         )
 
 
@@ -194,8 +218,8 @@ def warnings(
     `unsure` are rows that may be before a sudden change or after it.
     """
     if count := int(np.sum(np.isin(before.model.scene.rows("validate"), unsure))):
-        are = "validation rows are" if count > 1 else "validation row is"
-        yield f"{count} {are} within the interval of a sudden change and not counted in validation errors"
+        lie = "validation rows lie" if count > 1 else "validation row lies"
+        yield f"{count} {lie} within the interval of a sudden change: its most probable row there is used"
     fair = kept(first, last)
     expected, noise = rms(first.sd[fair], of_none=0.0), rms(_noise(before, first)[fair], of_none=0.0)
     if expected > OUTCOME.loose * noise:
