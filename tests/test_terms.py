@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from cases import ROOT, cases
@@ -20,6 +21,24 @@ EXACT = cases("terms_of_the_contract")
 """String literals that are keys or units of the contract, and why."""
 
 
+@cache
+def parts(path: Path) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Of a module, with their line numbers: literals; variables, parameters, fields, and its functions."""
+    literals, bound, methods = list[tuple[int, str]](), list[tuple[int, str]](), set[ast.stmt]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            literals.append((node.lineno, node.value))
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            bound.append((node.lineno, node.id))
+        elif isinstance(node, ast.arg):
+            bound.append((node.lineno, node.arg))
+        elif isinstance(node, ast.ClassDef):
+            methods.update(node.body)
+        elif isinstance(node, ast.FunctionDef) and node not in methods:
+            bound.append((node.lineno, node.name))
+    return literals, bound
+
+
 def texts(path: Path) -> Iterator[tuple[int, str]]:
     """Line number and text of everything a user or reader sees: Markdown, docstrings, comments, literals."""
     source = path.read_text(encoding="utf-8")
@@ -30,10 +49,10 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
             if not inside:
                 yield k, re.sub(r"`[^`]*`|^\w+ = ", "", line)  # without the keys of TOML
         return
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value not in EXACT:
-            for k, line in enumerate(node.value.splitlines()):
-                yield node.lineno + k, re.sub(r"`[^`]*`", "", line)
+    for first, literal in parts(path)[0]:
+        if literal not in EXACT:
+            for k, line in enumerate(literal.splitlines(), start=first):
+                yield k, re.sub(r"`[^`]*`", "", line)
     for k, line in enumerate(source.splitlines(), start=1):
         if found := re.search(r"(?:^|\s)# (.*)", line):
             yield k, re.sub(r"`[^`]*`", "", found.group(1))
@@ -68,19 +87,6 @@ ALLOWED = {
 }
 
 
-def bound(path: Path) -> Iterator[tuple[int, str]]:
-    """Line number and name of every variable, parameter and field of a file, and of its functions."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    methods = {f for c in ast.walk(tree) if isinstance(c, ast.ClassDef) for f in c.body}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.lineno, node.id
-        elif isinstance(node, ast.arg):
-            yield node.lineno, node.arg
-        elif isinstance(node, ast.FunctionDef) and node not in methods:
-            yield node.lineno, node.name
-
-
 SOURCES = [p for name in ("bayescal", "factors") for p in sorted((ROOT / name).rglob("*.py"))]
 LONGEST = 400
 """Lines of a module."""
@@ -96,7 +102,7 @@ def test_names_of_values_say_what_they_hold():
         f"{file}:{k}: {name}"
         for p in SOURCES
         for file in [p.relative_to(ROOT).as_posix()]
-        for k, name in bound(p)
+        for k, name in parts(p)[1]
         if name in VAGUE and (file, name) not in ALLOWED
     ]
     assert not vague, "\n".join(vague)

@@ -103,8 +103,11 @@ def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0, share: f
         Of the measurements that the quantile does not exceed.
     """
     rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
-    sizes, which = np.unique(rows, return_inverse=True)
-    usual = np.quantile(chi2 / chdtri(sizes, 1.0 - share)[which], share)
+    expected = chdtri(rows[:1], 1.0 - share)
+    if np.any(rows != rows[:1]):  # else one value for all: sorting takes longer than all the rest
+        sizes, which = np.unique(rows, return_inverse=True)
+        expected = chdtri(sizes, 1.0 - share)[which]
+    usual = np.quantile(chi2 / expected, share)
     total = float(np.sum(rows))
     spare = max(total - taken, 0.25 * total)
     return max(float(np.sqrt(usual * total / spare)), 1e-3)

@@ -93,14 +93,24 @@ class Bank:
         kinds = self._wide_kinds
         return consecutive([len(self.wide[form]) * self.first[k].functions.shape[1] for form, k in kinds])
 
-    def gains(self, fit: Fit) -> Gains:
-        """Log Bayes factor of each product beside a fit, averaged over scales.
+    def gains(self, fits: Sequence[Fit]) -> list[Gains]:
+        """Log Bayes factor of each product beside each fit, averaged over scales.
 
         Quantities that belong to no joint may act in all: the evidence of each joint for it then adds up.
         """
-        n, log = len(self.size), self.table.parts[0].signals.log
         sets = consecutive([self.first[k].functions.shape[1] for k, _ in self.kinds])
-        dots = self._dots(fit, sets)
+        names = list(dict.fromkeys(itertools.chain.from_iterable(fit.names for fit in fits)))
+        out, place = [], {name: k for k, name in enumerate(names)}
+        dots = self._dots(names, sets)
+        for fit in fits:
+            rows = [place[name] for name in fit.names]
+            chosen = {c: (blocks, cross[rows], score) for c, (blocks, cross, score) in dots.items()}
+            out.append(self._beside(fit, chosen, sets))
+        return out
+
+    def _beside(self, fit: Fit, dots: Mapping[int, Dots], sets: Sequence[np.ndarray]) -> Gains:
+        """The gains beside one fit, with products of its terms."""
+        n, log = len(self.size), self.table.parts[0].signals.log
         nats, moves = np.empty((n, len(sets))), np.zeros((n, len(sets)), bool)
         behind = np.empty_like(nats)
         for j in range(n):
@@ -140,8 +150,11 @@ class Bank:
         setting = BEHIND if kind == LINK else MOVES if any(moves) else ""
         return Product(Form(UNKNOWN, site, driver, setting), name, k, joints, moves, kind)
 
-    def _dots(self, fit: Fit, sets: Sequence[np.ndarray]) -> dict[int, Dots]:
-        """By channel, products of the columns of its joint; under `ALL` those of effects of the whole arm."""
+    def _dots(self, names: Sequence[str], sets: Sequence[np.ndarray]) -> dict[int, Dots]:
+        """By channel, products of the columns of its joint with themselves and with those of terms.
+
+        Under `ALL` those of effects of the whole arm.
+        """
         out: dict[int, Dots] = {}
         for part, k, given in self.motions():
             s, log = part.signals, part.signals.log
@@ -149,36 +162,36 @@ class Bank:
                 by = {name: response(k, j) for name, response in RESPONSES.items()}
                 x = np.column_stack([by[name][:, None] * given[i].functions for i, name in self.kinds])
                 weight = part.weight[:, j, None]  # of every kind of residuals
-                self.count(out, part, fit, j, self.size[j] * weight * x, sets)
+                self.count(out, part, names, j, self.size[j] * weight * x, sets)
                 if LINK in log.kinds:
-                    self.count(out, part, fit, channel(log, LINK, j), FORMS.deflection * weight * x, sets)
+                    self.count(out, part, names, channel(log, LINK, j), FORMS.deflection * weight * x, sets)
                 if TRACKING in log.kinds:
                     moved, there = np.zeros_like(x), np.any(x, axis=0)
                     torque = self.size[j] * weight * x[:, there]
                     moved[:, there] = weight * displaced(s, s.step * s.every, torque, j)
-                    self.count(out, part, fit, channel(log, TRACKING, j), moved, sets)
+                    self.count(out, part, names, channel(log, TRACKING, j), moved, sets)
             for c in range(len(part.numbers)):
                 every = self._columns(part, c, list(itertools.chain.from_iterable(self.wide.values())))
                 if np.any(every):
                     widths = np.cumsum([len(names) for names in self.wide.values()])[:-1]
                     of = dict(zip(self.wide, np.split(every, widths, axis=1), strict=True))
                     each_set = [_each_by_each(of[form], given[k].functions) for form, k in self._wide_kinds]
-                    self.count(out, part, fit, c, np.hstack(each_set), self._wide_sets, into=ALL)
+                    self.count(out, part, names, c, np.hstack(each_set), self._wide_sets, into=ALL)
         return out
 
     def count(
-        self, out: dict[int, Dots], part: Part, fit: Fit, c: int, x: np.ndarray, sets: Sequence[np.ndarray],
-        into: int | None = None,
+        self, out: dict[int, Dots], part: Part, names: Sequence[str], c: int, x: np.ndarray,
+        sets: Sequence[np.ndarray], into: int | None = None,
     ) -> None:  # fmt: skip
         """Add products of columns (M, P) of a channel in one motion to those of the channel, or of `into`."""
         key, sizes = c if into is None else into, list(map(len, sets))
         if key not in out:
-            nothing = np.zeros((len(fit.chosen), x.shape[1])), np.zeros(x.shape[1])
+            nothing = np.zeros((len(names), x.shape[1])), np.zeros(x.shape[1])
             out[key] = [np.zeros((size, size)) for size in sizes], *nothing
         blocks, cross, score = out[key]
         there = np.flatnonzero(np.any(x, axis=0))  # many functions of time are 0 in a motion
         white = part.whitened(self.noise, x[:, there], c)
-        fitted_terms = self._columns(part, c, fit.names)
+        fitted_terms = self._columns(part, c, names)
         cross[:, there] += part.whitened(self.noise, fitted_terms, c).T @ white
         score[there] += part.whitened(self.noise, part.residual[:, c], c) @ white
         bounds = np.searchsorted(there, np.cumsum([0, *sizes]))

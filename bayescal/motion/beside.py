@@ -34,13 +34,13 @@ def beside(
     best = next(h for h in hypotheses if UNKNOWN not in h.names)
     bank = pool.bank(noise, [m.form for m in best.members])
     hypotheses = tuple(in_place_of_a_name(h, hypotheses) for h in hypotheses)
-    h, unlisted, _ = _unknown(bank, whole, best)
+    less = [(m, base) for m in best.members if (base := _without(best, m, hypotheses))]
+    bases = [best, *(base for _, base in less)]
+    of_best, *of_less = bank.gains([whole.fit(base.members) for base in bases])
+    h, unlisted = _unknown(bank, whole, best, of_best)
     new, further = [h], [unlisted]
-    for m in best.members:
-        base = _without(best, m, hypotheses)
-        if base is None:
-            continue
-        h, unlisted, gains = _unknown(bank, whole, base)
+    for (m, base), gains in zip(less, of_less, strict=True):
+        h, unlisted = _unknown(bank, whole, base, gains)
         explained = max(best.log_evidence - base.log_evidence, 0.0)
         new.append(replace(h, log_evidence=h.log_evidence - SEARCH.instead * explained))
         further.append(unlisted)
@@ -128,10 +128,8 @@ def _free(bank: Bank, m: Member, gains: Gains) -> tuple[Product, float] | None:
     return max(chosen, key=lambda c: c[1])[0], nats + float(np.log(RELATIVES.free))
 
 
-def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, Unlisted | None, Gains]:
+def _unknown(bank: Bank, whole: Search, base: Hypothesis, gains: Gains) -> tuple[Hypothesis, Unlisted | None]:
     """A set with an unknown cause: the best of cells, products and events, with the evidence of all."""
-    fit = whole.fit(base.members)
-    gains = bank.gains(fit)
     nats = np.array([value for _, value in gains])
     product = gains[int(np.argmax(nats))][0]
     general: list[tuple[float, Member, Unlisted | None]] = []
@@ -142,7 +140,7 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
     add(float(logsumexp(nats) - np.log(len(nats))), product.form, bank.columns(product))
     if cell := whole.additions(base.members).get(UNKNOWN):
         general.append((cell[1], cell[0], None))
-    if event := max(events(bank, fit), key=lambda e: e[1], default=None):
+    if event := max(events(bank, whole.fit(base.members)), key=lambda e: e[1], default=None):
         form, value, columns = event
         add(value - float(np.log(len(bank.size))), form, columns)
     # the second test of general functions: half the odds, shared by their kinds
@@ -150,7 +148,7 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
     evidence += base.log_evidence - SEARCH.form * max(base.log_evidence, 0.0)
     _, member, unlisted = max(general, key=lambda g: g[0])
     prior = whole.prior((*(m.form.effect for m in base.members), UNKNOWN))
-    return Hypothesis((*base.members, member), evidence, prior), unlisted, gains
+    return Hypothesis((*base.members, member), evidence, prior), unlisted
 
 
 def _unlisted(form: Form, columns: Sparse, sd: float) -> Unlisted:
@@ -312,5 +310,5 @@ def _nats(
         for c in channels.tolist():
             every = columns(p[:, c, None], given)
             sets = consecutive([x.shape[1] for x in every])
-            bank.count(dots, part, fit, c, np.hstack(every), sets, into=0)
+            bank.count(dots, part, fit.names, c, np.hstack(every), sets, into=0)
     return averaged(fit, dots[0], sets)

@@ -40,7 +40,7 @@ def session():
     """Noise of contacts and of joint readings, spheres, and an effect that the model lacks."""
     return simulate(
         Options(effects=MODEL, contacts=110, later=10, repeats=5, spheres=3, placements=2, joint_noise=2e-5,
-                seed=4)
+                seed=1)
     ).dataset  # fmt: skip
 
 

@@ -53,7 +53,7 @@ def scaled(session, factor):
 
 def test_residuals_that_differ_between_targets_are_said_by_name(fits, cube):
     """Noise of +y four times that of the other faces; and no such words of even noise."""
-    found = fit(rough(cube(seed=6, count=200).dataset, 20e-6), FULL, samples=0)
+    found = fit(rough(cube(seed=6, count=120).dataset, 20e-6), FULL, samples=0)
     (said_,) = (f.text for f in found.findings if f.code == "noise_differs")
     assert said_.startswith("residuals differ between targets (cube.+y 1.")
     assert not [f for f in fits["good"].findings if f.code == "noise_differs"]
@@ -69,10 +69,10 @@ def test_evidence_of_differing_noise_is_the_integral_over_the_noise_of_each_targ
 
 
 CASES = {
-    "good": (lambda cube: cube(seed=6, count=200).dataset, set()),
-    "bulging": (lambda cube: bulging(cube(seed=6, count=200).dataset, 60e-6), {"form"}),
-    "scaled": (lambda cube: scaled(cube(seed=6, count=200).dataset, 1.011), {"scale"}),
-    "along y": (lambda cube: on_faces(cube(seed=6, count=200).dataset, "cube.+y", "cube.-y"), {"directions"}),
+    "good": (lambda cube: cube(seed=6, count=120).dataset, set()),
+    "bulging": (lambda cube: bulging(cube(seed=6, count=120).dataset, 60e-6), {"form"}),
+    "scaled": (lambda cube: scaled(cube(seed=6, count=120).dataset, 1.011), {"scale"}),
+    "along y": (lambda cube: on_faces(cube(seed=6, count=120).dataset, "cube.+y", "cube.-y"), {"directions"}),
     "too few": (lambda cube: cube(seed=6, count=24).dataset, {"prior", "contrast"}),
 }
 
@@ -106,7 +106,7 @@ def test_a_good_session_is_silent(fits):
     ],
 )
 def test_the_missing_direction_is_named(cube, faces, missing, words):
-    seen = directions(build(Scene(on_faces(cube(seed=6, count=200).dataset, *faces)), ()))
+    seen = directions(build(Scene(on_faces(cube(seed=6, count=120).dataset, *faces)), ()))
     assert in_words(seen) == words
     assert np.all(seen.share[-len(missing) :] < BARELY)
     across = [k for k, axis in enumerate("xyz") if axis not in missing]
@@ -114,7 +114,7 @@ def test_the_missing_direction_is_named(cube, faces, missing, words):
 
 
 def test_faces_alike_see_every_direction(cube):
-    seen = directions(build(Scene(cube(seed=6, count=200).dataset), ()))
+    seen = directions(build(Scene(cube(seed=6, count=120).dataset), ()))
     np.testing.assert_allclose(seen.share, [1.0, 0.5**0.5, 0.5**0.5], atol=0.03)
     np.testing.assert_allclose(seen.axes @ seen.axes.T, np.eye(3), atol=1e-12)
 

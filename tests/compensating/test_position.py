@@ -116,7 +116,7 @@ def test_one_uncertainty_for_budgets_positions_and_compensations(fitted, arm, re
 
 
 def test_noise_of_few_measurements_widens_the_length_that_errors_do_not_exceed(tmp_path):
-    fitted = bc.fit(bc.simulate(contacts=45, later=8, repeats=0, spheres=3, placements=2, seed=3), samples=0)
+    fitted = bc.fit(bc.simulate(contacts=45, later=8, repeats=0, spheres=0, seed=3), samples=0)
     fitted.save(tmp_path / "run", pictures=False)
     q = np.radians([10.0, 20.0, -30.0, 40.0, 50.0, 60.0])
     budget = bc.budget(fitted, point=np.degrees(q))

@@ -10,7 +10,8 @@ pytest.importorskip("pinocchio")
 
 from analysis.world.camera import build
 from bayescal.dataset import read_dataset
-from bayescal.gap.diagnose import diagnose
+from bayescal.gap.diagnose import diagnose, explain
+from bayescal.model.scene import Scene
 from bayescal.reporting.gap.phrases import headline
 
 
@@ -21,7 +22,7 @@ def answer(folder: Path, number: int, side: str, detectability: float, every: in
         (folder / name).write_text(text)
     session = read_dataset(folder)
     session = with_rows(session, np.flatnonzero(session.measurements.pixel[:, 2] % every == 0))
-    return diagnose(session).verdict, session, truth
+    return explain(Scene(session, oriented=True), ("geometry", "compliance")).verdict, session, truth
 
 
 @pytest.mark.parametrize(("number", "side"), [(4, "camera"), (10, "clock")])

@@ -19,10 +19,11 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, settled
 from bayescal.fitted.file import open_run
 from bayescal.fitted.gate import NOTHING
-from bayescal.gap.diagnose import diagnose
+from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.result import VERDICTS
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import build
+from bayescal.model.options import USUAL as USUAL_FIT
 from bayescal.model.options import FitOptions, Part, kept, parts_of
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
@@ -54,6 +55,11 @@ def first(dataset, count):
     """The first contacts of a session that calibrate, and all later ones."""
     calibrating = dataset.measurements.role == "calibrate"
     return with_rows(dataset, np.flatnonzero(~calibrating | (np.cumsum(calibrating) <= count)))
+
+
+def verdict_on(dataset, options=USUAL_FIT):
+    """What a diagnosis concludes, without its other results."""
+    return explain(Scene(dataset, oriented=True), ("geometry", "compliance"), options).verdict
 
 
 def printed(gap):
@@ -106,10 +112,10 @@ def test_nothing_there_is_said(quiet):
 def test_noise_of_one_face_is_no_effect():
     """It was an error of joint 1 at each new reading, with probability 0.99."""
     more = LITTLE | {"contacts": 130, "later": 24}
-    gap = diagnose(rough(plain(simulate(Options(**more, seed=4)).dataset), 32e-6))
-    assert gap.verdict.kind == "null"
-    assert gap.verdict.probability["unknown"] < 0.5
-    (words,) = (note for note in gap.verdict.footnotes if "noise differs" in note)
+    verdict = verdict_on(rough(plain(simulate(Options(**more, seed=4)).dataset), 32e-6))
+    assert verdict.kind == "null"
+    assert verdict.probability["unknown"] < 0.5
+    (words,) = (note for note in verdict.footnotes if "noise differs" in note)
     assert words.startswith("noise differs between targets (cube.+y: 2.")
 
 
@@ -397,9 +403,9 @@ def test_variants_pay_for_their_freedom(c):
 
 
 def test_the_base_of_the_second_session_is_named(two):
-    gap = diagnose(two)
-    assert gap.verdict.kind == "named"
-    (name,) = gap.verdict.named
+    verdict = verdict_on(two)
+    assert verdict.kind == "named"
+    (name,) = verdict.named
     assert name.effect == "base-compliance"
     assert list(map(str, name.sites)) == ["base of B"]
     fitted = calibrated(Scene(two), (*USUAL, "base-compliance@session at base of B"))
@@ -496,9 +502,9 @@ def test_what_was_taken_out_is_named_at_its_joints_and_shrinks_as_foreseen(datas
 def test_nothing_wrong_there_is_not_named():
     """An arm whose geometry is as drawn: a joint goes back to the drawing, and nobody misses it."""
     drawn = simulate(Options(**WITHOUT_LITTLE, seed=4, effects=("compliance",))).dataset
-    gap = diagnose(plain(drawn), without=("geometry at joint 4",))
-    assert gap.verdict.kind == "null"
-    assert gap.verdict.probability["geometry"] < 0.1
+    verdict = verdict_on(plain(drawn), FitOptions((Part.of("geometry at joint 4"),)))
+    assert verdict.kind == "null"
+    assert verdict.probability["geometry"] < 0.1
 
 
 def test_every_parameter_may_be_named(scene):

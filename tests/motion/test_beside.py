@@ -56,13 +56,13 @@ def at_joint(values, j, like):
 
 def best_products(pool, count=3):
     search = search_of(pool)
-    gains = pool.bank(pool.estimate.noise).gains(search.fit())
+    (gains,) = pool.bank(pool.estimate.noise).gains([search.fit()])
     ranked = sorted(gains, key=lambda g: -g[1])
     return [(p.form.site, p.form.driver) for p, _ in ranked[:count]], ranked[0][1]
 
 
 def test_in_a_null_log_general_functions_gain_little(pool):
-    gains = pool.bank(pool.estimate.noise).gains(search_of(pool).fit())
+    (gains,) = pool.bank(pool.estimate.noise).gains([search_of(pool).fit()])
     nats = np.array([value for _, value in gains])
     assert len(nats) > 500
     assert np.log(np.mean(np.exp(nats))) < 1.0
@@ -415,7 +415,7 @@ def test_a_relative_is_fitted_as_it_was_weighed(pool, monkeypatch, replaces):
     columns = [{1: put(np.ones((len(p.residual), 1)))} for p in pool.table.parts]
     other = Hypothesis((Member(Form(UNKNOWN, "joint 1", "time"), 1.0),), -50.0, 0.0)
     monkeypatch.setattr("bayescal.motion.beside.relative", lambda *_: Relative(form, 3.0, columns, replaces))
-    monkeypatch.setattr("bayescal.motion.beside._unknown", lambda *_: (other, None, []))
+    monkeypatch.setattr("bayescal.motion.beside._unknown", lambda *_: (other, None))
     best = Hypothesis((member,), 20.0, -1.0)
     wide, hypotheses = beside(pool, pool.estimate.noise, search, (best, Hypothesis((), 0.0, 0.0)))
     (name,) = wide.extra[form]

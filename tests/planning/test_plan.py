@@ -45,7 +45,7 @@ def example() -> Setup:
 
 
 @pytest.fixture(scope="module")
-def planned_example() -> Plan:
+def planned_example(quick_searches) -> Plan:
     """100 contacts for distances and for the gap, of 300 candidates."""
     return plan(example(), PlanOptions(100, candidates=300))
 
@@ -99,7 +99,7 @@ def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
     assert np.nanmean(ratio) < 0
 
 
-def test_levers() -> None:
+def test_levers(quick_search) -> None:
     """Without its lever no contact has a payload; a volume that is partly out of reach is noted."""
     setup = replace(example(), volume=Box(np.array([0.9, 0.0, 0.4]), np.full(3, 0.5)))
     one = plan(setup, PlanOptions(40, GAP, ("geometry",), ("approach",), candidates=80))

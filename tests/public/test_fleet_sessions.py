@@ -219,7 +219,7 @@ def test_arms_are_told_alike_by_an_expression_and_by_a_table(tmp_path):
         assert found == wanted, arm
 
 
-def test_a_folder_of_others_is_refused(folder, tmp_path):
+def test_a_folder_of_others_is_refused(folder, tmp_path, thread_of_dask):
     (tmp_path / "mine").write_text("notes")
     with pytest.raises(BayescalError, match="not of a fleet"):
         bc.fleet([folder / "sessions"], tmp_path)
@@ -235,7 +235,7 @@ def test_a_folder_of_others_is_refused(folder, tmp_path):
         with pytest.raises(BayescalError, match="no session;"):
             bc.fleet(none, tmp_path / "out")
     with pytest.raises(BayescalError, match="no session could be read"):
-        bc.fleet([folder / "sessions" / "bad"], tmp_path / "out", workers=1)
+        bc.fleet([folder / "sessions/bad"], tmp_path / "out", dask=thread_of_dask.scheduler_address)
     assert not (tmp_path / "out").exists()
 
 

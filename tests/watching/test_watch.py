@@ -215,7 +215,7 @@ def test_odd_contacts_are_set_aside(folder):
     cell, lines = folder
     wrong = (50, 52, 58)  # three, but never three of the last five
     some = [shifted_line(line, 2, 0.3) if k in wrong else line for k, line in enumerate(lines[:60])]
-    watch, events = events_of(cell, some)
+    watch, events = events_of(cell, some, first=48)
     judged = [e for e in events if isinstance(e, Contact) and np.isfinite(e.p_value)]
     assert [e.id for e in judged if e.odd] == [lines[k].split(",")[0] for k in wrong]
     assert watch.odd == {49, 51, 57}
@@ -243,7 +243,7 @@ def test_a_parameter_that_further_rows_bring_is_added():
 def test_a_shift_is_told_once(folder):
     cell, lines = folder
     after = [shifted_line(line, 1, 0.2) for line in lines[46:56]]
-    _, events = events_of(cell, [*lines[:46], *after])
+    _, events = events_of(cell, [*lines[:46], *after], first=44)
     told = [e for e in events if isinstance(e, Notice)]
     assert [e.kind for e in told] == [SHIFTED]
     assert lines[46].split(",")[0] in told[0].text

@@ -1,11 +1,9 @@
 """Evidence of columns that are added to a fitted hypothesis, averaged over prior scales and noise.
 
-Evidence of columns integrated over the noise, compiled: a search needs it for thousands of sets.
-
-Over L, the log of the noise's precision over the state's own: without the columns its density is
-exp(dof L / 2 - chi2 exp(L) / 2), a gamma integral. With them, Gauss-Hermite quadrature is centred at its
-mode and has the width there, about 1 / sqrt(dof / 2): correct to a thousandth of a nat for any number of
-contacts.
+The integral over the noise is compiled: a search needs it for thousands of sets. Over L, the log of the
+noise's precision over the state's own: without the columns its density is exp(dof L / 2 - chi2 exp(L) / 2), a
+gamma integral. With them, Gauss-Hermite quadrature is centred at its mode and has the width there, about
+1 / sqrt(dof / 2): correct to a thousandth of a nat for any number of contacts.
 
 An error that all measurements of one pose share: its size by residuals, and what a measurement is worth.
 
@@ -292,10 +290,12 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> tu
     """
     count, images = state.problem.count, state.problem.images
     motion = column[:count] if images is None else images.coloured(column[:count])
-    each = csr_array((motion, (np.arange(count), clusters)))
-    each = each if images is None else images.each(each)
-    weight = state.weight[:count] / state.kappa**2
-    information, score = each.power(2).T @ weight, each.T @ (weight * state.residual[:count])
+    weight, residual = state.weight[:count] / state.kappa**2, state.residual[:count]
+    if images is None:
+        information, score = (np.bincount(clusters, weight * motion * x) for x in (motion, residual))
+    else:
+        each = images.each(csr_array((motion, (np.arange(count), clusters))))
+        information, score = each.power(2).T @ weight, each.T @ (weight * residual)
     nats = _factors_along(state, information[None], score[None] ** 2)[0]
     return nats, undetected(nats, information.sum(keepdims=True))
 

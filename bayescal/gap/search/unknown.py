@@ -54,6 +54,16 @@ class Pool(Bank):
         return [(cells, first[cells][:, None] + np.arange(m)) for cells, m in of]
 
     @cached_property
+    def clustered(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Of each cell that is drawn anew in clusters of rows: its set, column (R,), and clusters (N,)."""
+        first = np.searchsorted(self.owner, np.arange(len(self.cells))).tolist()
+        return [
+            (k, self.columns[:, self.sets[k]][:, 0], cell.clusters)
+            for k, cell in zip(first, self.cells, strict=True)
+            if cell.clusters is not None
+        ]
+
+    @cached_property
     def log_prior(self) -> np.ndarray:
         """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of a known effect."""
         kinds = np.array([cell.site.kind for cell in self.cells])
@@ -149,11 +159,8 @@ def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = No
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     """Gain of every cell over a state, without fits."""
     (bayes, small), p = weighed_sets(state, pool), state.problem
-    for i, cell in enumerate(pool.cells):
-        if cell.clusters is not None:
-            index = int(np.flatnonzero(pool.owner == i)[0])
-            column, clusters = pool.columns[:, pool.sets[index]][:, 0], cell.clusters[p.rows[p.contact]]
-            bayes[index], small[index] = weigh_clusters(state, column, clusters)
+    for index, column, clusters in pool.clustered:
+        bayes[index], small[index] = weigh_clusters(state, column, clusters[p.rows[p.contact]])
     bayes, small = bayes + SCALE_PRIOR, small + SCALE_PRIOR
     gain, best = np.empty(len(pool.cells)), np.empty((2, len(pool.cells)), int)  # set and scale
     unseen = np.empty(len(pool.cells))

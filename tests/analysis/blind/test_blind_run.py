@@ -73,7 +73,7 @@ def ran(made, tmp_path_factory) -> tuple[Path, str, list[str]]:
     folder, log = Path(shutil.copytree(made[0], top / "blind")), top / "opened"
     truth = shutil.move(folder / "truth.json", top / "truth.json")
     (top / "sitecustomize.py").write_text(WATCH.format(blind=str(folder), log=str(log)))
-    line = [sys.executable, "-m", "analysis.blind", "run", str(folder), "--workers", "2"]
+    line = [sys.executable, "-m", "analysis.blind", "run", str(folder)]
     environment = os.environ | {"PYTHONPATH": f"{top}{os.pathsep}{ROOT}"}
     done = subprocess.run(line, env=environment, capture_output=True, text=True, check=True)
     shutil.move(truth, folder / "truth.json")
