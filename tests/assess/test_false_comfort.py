@@ -53,7 +53,7 @@ def scaled(session, factor):
 
 def test_residuals_that_differ_between_targets_are_said_by_name(fits, cube):
     """Noise of +y four times that of the other faces; and no such words of even noise."""
-    found = fit(rough(cube(seed=6, count=120).dataset, 20e-6), FULL, samples=0)
+    found = fit(rough(cube(seed=6, count=200).dataset, 20e-6), FULL, samples=0)
     (said_,) = (f.text for f in found.findings if f.code == "noise_differs")
     assert said_.startswith("residuals differ between targets (cube.+y 1.")
     assert not [f for f in fits["good"].findings if f.code == "noise_differs"]

@@ -23,19 +23,7 @@ from bayescal.effects.imaging import without_camera
 from bayescal.effects.location import BASE, joint
 from bayescal.estimate import STATED_WORTH, linearise
 from bayescal.gap.examine import _screened_again
-from bayescal.gap.linear.evidence import (
-    LOG_WEIGHTS,
-    NEWTON,
-    NODES,
-    SCALES,
-    TRIED,
-    _factors_along,
-    gain,
-    integrated,
-    log_sum,
-    project,
-    weigh_clusters,
-)
+from bayescal.gap.linear import evidence
 from bayescal.gap.linear.problem import Driven, Problem, Slopes, of_certificate, problem, without_nuisance
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
@@ -159,8 +147,8 @@ def test_images_are_whitened_by_what_their_corners_share():
     state = fit_state(p, (), (), robust=False)
     every = apart.white(raw[:, :1] * (clusters[:, None] == np.arange(5))) / state.kappa
     seen = np.sum(every**2, axis=0)[None], (state.residual / state.kappa @ every)[None] ** 2
-    found, _ = weigh_clusters(state, wanted[:, 0], clusters)
-    np.testing.assert_allclose(found, _factors_along(state, *seen)[0], rtol=1e-9)
+    found, _ = evidence.weigh_clusters(state, wanted[:, 0], clusters)
+    np.testing.assert_allclose(found, evidence._factors_along(state, *seen)[0], rtol=1e-9)
 
 
 def test_rows_of_a_contact_stay_together(mixed):
@@ -208,7 +196,7 @@ def test_projection_is_that_of_the_augmented_normal_equations(state):
     design, residual, whiten = augmented(state)
     pool = np.vstack([state.problem.pool * whiten[:, None], np.zeros((design.shape[1], 6))])
     free = np.eye(len(design)) - design @ np.linalg.solve(design.T @ design, design.T)
-    seen = project(state, state.problem.pool)
+    seen = evidence.project(state, state.problem.pool)
     every = np.arange(6)
     np.testing.assert_allclose(seen.information(every), pool.T @ free @ pool, atol=1e-9)
     np.testing.assert_allclose(seen.information(every[2:4]), (pool.T @ free @ pool)[2:4, 2:4], atol=1e-9)
@@ -229,11 +217,11 @@ def covariance_of(state, columns, scale):
 
 @pytest.mark.parametrize("columns", [[0], [1, 2], [0, 3, 4]])
 def test_evidence_at_one_noise_is_the_ratio_of_two_normal_densities(state, columns):
-    seen = project(state, state.problem.pool)
+    seen = evidence.project(state, state.problem.pool)
     values, vectors = np.linalg.eigh(seen.information(np.array(columns)))
     along = (vectors.T @ seen.score[columns]) ** 2
-    for scale in SCALES:
-        found = gain(values, along, scale**2, 0.0)
+    for scale in evidence.SCALES:
+        found = evidence.gain(values, along, scale**2, 0.0)
         y, with_it, without = covariance_of(state, columns, scale)
         unit = np.eye(len(y))
         exact = multivariate_normal.logpdf(y, cov=unit + with_it) - multivariate_normal.logpdf(
@@ -272,7 +260,7 @@ def test_evidence_is_the_integral_over_the_noise_however_many_contacts(rows, amp
     """By a fine grid around the mode: to 0.05 nats of up to tens of thousands."""
     p = random_problem(rows=rows, constraints=0, amplitude=amplitude)
     state = fit_state(p, (), (), robust=False)
-    seen, columns = project(state, p.pool), np.array([0, 3])
+    seen, columns = evidence.project(state, p.pool), np.array([0, 3])
     (table,) = log_bayes(seen, [columns])
     values, vectors = np.linalg.eigh(seen.information(columns))
     along = (vectors.T @ seen.score[columns]) ** 2
@@ -295,7 +283,7 @@ def test_evidence_is_the_integral_over_the_noise_however_many_contacts(rows, amp
         most = np.max(density(grid))
         return most + np.log(np.trapezoid(np.exp(density(grid) - most), grid))
 
-    exact = [integral(scale) - integral(0.0) for scale in SCALES]
+    exact = [integral(scale) - integral(0.0) for scale in evidence.SCALES]
     np.testing.assert_allclose(table, exact, rtol=0, atol=0.05)
 
 
@@ -314,7 +302,7 @@ def test_contacts_left_out_count_as_if_they_were_not_there(state):
     rest = fit_state(without_rows(state.problem, gone), state.columns, state.scales, robust=False)
     assert state.kappa == pytest.approx(rest.kappa, rel=1e-9)
     sets = [np.array([0]), np.array([1, 2])]
-    found, exact = (log_bayes(project(s, s.problem.pool), sets) for s in (state, rest))
+    found, exact = (log_bayes(evidence.project(s, s.problem.pool), sets) for s in (state, rest))
     np.testing.assert_allclose(found, exact, atol=1e-7)
     cost = -0.5 * chi2_distribution.isf(0.01 / state.problem.count, 1)
     assert state.log_evidence - rest.log_evidence == pytest.approx(len(gone) * cost, abs=1e-6)
@@ -344,8 +332,8 @@ def test_evidences_of_states_differ_by_their_bayes_factors(columns):
     """By two roads: fitted with the columns, and predicted from the state without them."""
     p = random_problem(rows=150, amplitude=0.8)
     null = fit_state(p, (), (), robust=False)
-    (table,) = log_bayes(project(null, p.pool), [np.array(columns)])
-    for scale, found in zip(SCALES, table, strict=True):
+    (table,) = log_bayes(evidence.project(null, p.pool), [np.array(columns)])
+    for scale, found in zip(evidence.SCALES, table, strict=True):
         wider = fit_state(p, columns, np.full(len(columns), scale), robust=False)
         assert wider.log_evidence - null.log_evidence == pytest.approx(found, abs=0.2 + 0.03 * abs(found))
 
@@ -498,7 +486,7 @@ def test_screening_finds_the_ratios_of_gears(session):
 def test_columns_explain_no_more_than_the_residuals(rows):
     """An effect 40 times the noise, of which the model's prior holds a part: the evidence stays bounded."""
     state = fit_state(random_problem(rows=rows, constraints=0, amplitude=40.0), (), (), robust=False)
-    found = log_bayes(project(state, state.problem.pool), [np.array([0])])[0]
+    found = log_bayes(evidence.project(state, state.problem.pool), [np.array([0])])[0]
     chi2 = float(np.sum(state.residual[:rows] ** 2)) + STATED_WORTH
     assert np.all(found < 0.5 * state.dof * np.log(chi2 / STATED_WORTH))
 
@@ -509,7 +497,7 @@ def test_columns_explain_no_more_than_the_residuals(rows):
 def gain_at(values, along, log_precision):
     """Log Bayes factors (B, scales, U) of columns at log precisions of the noise (B or 1, scales or 1, U)."""
     y = np.exp(log_precision)[..., None]
-    by = (SCALES**2)[:, None, None] * y
+    by = (evidence.SCALES**2)[:, None, None] * y
     with_it = 1.0 + by * values[:, :, None]
     return 0.5 * np.sum(along[:, :, None] * by * y / with_it - np.log(with_it), axis=-1)
 
@@ -517,7 +505,7 @@ def gain_at(values, along, log_precision):
 def slopes(values, along, at):
     """First and second derivative of `gain_at` by the log precision, (B, scales, 1) each."""
     y = np.exp(at)
-    by = (SCALES**2)[:, None] * y
+    by = (evidence.SCALES**2)[:, None] * y
     p = by * values
     h = along * by * y * (2.0 + p) / (1.0 + p) ** 2
     first = np.sum(h - p / (1.0 + p), axis=-1, keepdims=True)
@@ -537,18 +525,20 @@ def in_numpy(values, along, dof, chi2, worth):
     explained = np.minimum(explained, most)
     lowest = np.log(dof / chi2)
     highest = np.log(dof / np.maximum(chi2 - explained, min(worth, chi2)))
-    tried = lowest + (highest - lowest)[..., None] * np.linspace(0.0, 1.0, TRIED)
+    tried = lowest + (highest - lowest)[..., None] * np.linspace(0.0, 1.0, evidence.TRIED)
     density = 0.5 * (dof * tried - chi2 * np.exp(tried)) + gain_at(values, along, tried)
     mode = np.take_along_axis(tried + np.zeros_like(density), np.argmax(density, axis=-1)[..., None], -1)
-    for _ in range(NEWTON):
+    for _ in range(evidence.NEWTON):
         slope, bend = slopes(values, along, mode)
         slope, bend = slope + 0.5 * (dof - chi2 * np.exp(mode)), bend - 0.5 * chi2 * np.exp(mode)
         mode = mode + np.clip(slope / np.maximum(np.abs(bend), 1e-3 * dof), -0.5, 0.5)
     bend = 0.5 * chi2 * np.exp(mode) - slopes(values, along, mode)[1]
     width = 1.0 / np.sqrt(np.maximum(bend, 1e-3 * dof))
-    nodes = mode + np.sqrt(2.0) * width * NODES
+    nodes = mode + np.sqrt(2.0) * width * evidence.NODES
     density = 0.5 * (dof * nodes - chi2 * np.exp(nodes)) + gain_at(values, along, nodes)
-    return log_sum(density + NODES**2 + LOG_WEIGHTS, axis=-1) + np.log(np.sqrt(2.0) * width[..., 0])
+    return evidence.log_sum(density + evidence.NODES**2 + evidence.LOG_WEIGHTS, axis=-1) + np.log(
+        np.sqrt(2.0) * width[..., 0]
+    )
 
 
 def drawn(seed, count, k):
@@ -565,14 +555,16 @@ def drawn(seed, count, k):
 @pytest.mark.parametrize(("dof", "chi2", "worth"), [(180.0, 175.0, 5.0), (8.0, 30.0, 5.0), (90.0, 3.0, 5.0)])
 def test_compiled_is_numpy(k, dof, chi2, worth):
     values, along = drawn(k, 40, k)
-    found = integrated(values, along, SCALES**2, dof, chi2, worth, NODES, LOG_WEIGHTS)
+    found = evidence.integrated(
+        values, along, evidence.SCALES**2, dof, chi2, worth, evidence.NODES, evidence.LOG_WEIGHTS
+    )
     np.testing.assert_allclose(found, in_numpy(values, along, dof, chi2, worth), rtol=1e-9, atol=1e-9)
 
 
 def test_gain_is_that_of_numpy_where_a_product_overflows():
     values, along = drawn(3, 1, 2000)
     table = gain_at(values[:, None], along[:, None], np.full((1, 1, 1), 0.3))[0, :, 0]
-    found = [gain(values[0], along[0], square, 0.3) for square in SCALES**2]
+    found = [evidence.gain(values[0], along[0], square, 0.3) for square in evidence.SCALES**2]
     assert np.all(np.isfinite(found))
     np.testing.assert_allclose(found, table, rtol=1e-10)
 
@@ -580,12 +572,14 @@ def test_gain_is_that_of_numpy_where_a_product_overflows():
 def test_integral_is_that_of_quadrature():
     values, along = np.array([[40.0, 3.0]]), np.array([[600.0, 20.0]])
     dof, chi2 = 150.0, 160.0
-    found = integrated(values, along, SCALES**2, dof, chi2, 5.0, NODES, LOG_WEIGHTS)[0]
+    found = evidence.integrated(
+        values, along, evidence.SCALES**2, dof, chi2, 5.0, evidence.NODES, evidence.LOG_WEIGHTS
+    )[0]
 
     def density(log_precision, square):
-        own = gain(values[0], along[0], square, log_precision)
+        own = evidence.gain(values[0], along[0], square, log_precision)
         return np.exp(0.5 * (dof * log_precision - chi2 * np.exp(log_precision)) + own + 0.5 * chi2)
 
-    for square, log_integral in zip(SCALES**2, found, strict=True):
+    for square, log_integral in zip(evidence.SCALES**2, found, strict=True):
         exact = np.log(quad(density, -2.0, 2.0, args=(square,))[0]) - 0.5 * chi2
         assert log_integral == pytest.approx(exact, abs=1e-4)

@@ -20,24 +20,12 @@ from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.statements import amplitudes, displaced, increased, phase_shown, play_or_late
 from bayescal.gap.result import OTHER, Amplitude, Named
+from bayescal.gap.search import verdict
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
 from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.refit import model_name, still_without
 from bayescal.gap.search.unknown import CellFit, Pool
-from bayescal.gap.search.verdict import (
-    Related,
-    Weighed,
-    contradicted,
-    credible_set,
-    decide,
-    given_away,
-    probabilities,
-    seen,
-    softened,
-    verdict_of,
-    weigh,
-)
 from bayescal.model import ARM
 from bayescal.model.options import parts_of
 from bayescal.reporting.gap import amplitude_of
@@ -53,7 +41,7 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
     places = {n: ((TOOL if n == "step" else PROBE, Driver(n)),) for n in names}
     members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0, places[n]), 1.0, 0.0) for n in names)
     found = CellFit(0, 1.0, 0, 1.0) if cell else None
-    return Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
+    return verdict.Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
 
 
 @pytest.mark.parametrize(
@@ -74,8 +62,8 @@ def test_two_effects_along_one_coordinate_of_a_site_are_a_class(other, kind, mem
         weighed(probability=0.99),
         hypothesis=Hypothesis(tuple(Member(v, 1.0, 0.0) for v in variants), None, 0.0, 0.0),
     )
-    p = probabilities([best], best.names)
-    found, names = verdict_of([best], p)
+    p = verdict.probabilities([best], best.names)
+    found, names = verdict.verdict_of([best], p)
     assert (found, names) == (kind, best.names)
     d = SimpleNamespace(weighed=(best,))
     assert kind == "named" or set(_causes(d, p).members) == members
@@ -86,7 +74,7 @@ def test_an_effect_too_small_to_be_seen_is_the_set_without_it():
     sets = [((), 0.2, 0.0), (("lobing",), 0.4, 0.75), (("lobing", "step"), 0.3, 0.0)]
     each = [replace(weighed(*names, score=np.log(p)), unseen=share) for names, p, share in sets]
     each.append(replace(weighed("lobing", "step", score=np.log(0.1), cell=True), unseen=1.0))
-    found = {w.effects: np.exp(w.score) for w in seen(each)}
+    found = {w.effects: np.exp(w.score) for w in verdict.seen(each)}
     wanted = {(): 0.5, ("lobing",): 0.1, ("lobing", "step"): 0.4, ("lobing", "step", "unknown"): 0.0}
     assert found == pytest.approx(wanted, abs=1e-9)
 
@@ -138,25 +126,25 @@ def test_a_verdict_names_what_is_more_likely_than_not(sets, kind, names):
         weighed(*(n for n in own if n != "unknown"), probability=p, cell="unknown" in own) for own, p in sets
     ]
     effects = {n for own, _ in sets for n in own}
-    assert verdict_of(found, probabilities(found, sorted(effects))) == (kind, names)
+    assert verdict.verdict_of(found, verdict.probabilities(found, sorted(effects))) == (kind, names)
 
 
 def test_a_relative_of_a_name_is_an_unmodelled_effect_in_its_place():
     """The other names of the set stay, and the verdict is a class."""
     plain, other = weighed("lobing", "step", probability=0.2), weighed("lobing", probability=0.1)
     members = plain.hypothesis.members
-    related = replace(plain, probability=0.7, related=Related(members[0], Driver("torque", 2), 9.0))
+    related = replace(plain, probability=0.7, related=verdict.Related(members[0], Driver("torque", 2), 9.0))
     assert related.effects == ("step", "unknown")
-    p = probabilities([related, plain, other], ["lobing", "step"])
+    p = verdict.probabilities([related, plain, other], ["lobing", "step"])
     assert (p["lobing"], p["step"], p["unknown"]) == pytest.approx((0.3, 0.9, 0.7))
-    assert verdict_of([related, plain, other], p) == ("class", ("step",))
+    assert verdict.verdict_of([related, plain, other], p) == ("class", ("step",))
 
 
 def test_a_set_of_effects_is_listed_once():
     """A cell beside noise only, and a relative in place of an effect, both are an unmodelled effect alone."""
     plain = weighed("lobing", probability=0.2)
     related = replace(
-        plain, probability=0.3, related=Related(plain.hypothesis.members[0], Driver("torque", 2), 9.0)
+        plain, probability=0.3, related=verdict.Related(plain.hypothesis.members[0], Driver("torque", 2), 9.0)
     )
     cell = replace(weighed(probability=0.5, cell=True), log_evidence=40.0)
     found = hypotheticals([cell, related, plain])
@@ -188,20 +176,23 @@ def test_an_unmodelled_effect_elsewhere_is_not_called_backlash(credible, elsewhe
 def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():
     first, second, third = (("lobing", 0.7), ("step", 0.22), ("latency", 0.08))
     found = [weighed(n, probability=p, score=-10.0 * k) for k, (n, p) in enumerate((first, second, third))]
-    assert credible_set(found) == ("lobing", "step")
+    assert verdict.credible_set(found) == ("lobing", "step")
     assert confusable(*ALIKE)
     for behind, kept in ((3.0, True), (6.0, False)):
         pair = [weighed(ALIKE[0], probability=0.95), weighed(ALIKE[1], probability=0.04, score=-behind)]
-        assert (ALIKE[1] in credible_set(pair)) == kept
+        assert (ALIKE[1] in verdict.credible_set(pair)) == kept
 
 
 def test_noise_only_is_a_member_of_the_credible_set_like_any_other():
     """It is listed where its probability is needed for nine tenths, and alone where nothing else is."""
     some = [("lobing",), 0.6], [(), 0.35], [("step",), 0.05]
-    assert credible_set([weighed(*own, probability=p, score=p) for own, p in some]) == ("lobing", "null")
-    assert credible_set([weighed(probability=0.95), weighed("step", probability=0.05)]) == ("null",)
+    assert verdict.credible_set([weighed(*own, probability=p, score=p) for own, p in some]) == (
+        "lobing",
+        "null",
+    )
+    assert verdict.credible_set([weighed(probability=0.95), weighed("step", probability=0.05)]) == ("null",)
     sure = [weighed("lobing", probability=0.95), weighed(probability=0.05)]
-    assert credible_set(sure) == ("lobing",)
+    assert verdict.credible_set(sure) == ("lobing",)
 
 
 def test_a_best_set_without_any_effect_is_null():
@@ -209,20 +200,20 @@ def test_a_best_set_without_any_effect_is_null():
     rest = [weighed(f"effect {k}", probability=0.05) for k in range(18)]
     found = [weighed(probability=0.08), *rest]
     names = [w.effects[0] for w in rest]
-    assert verdict_of(found, probabilities(found, names)) == ("null", ())
+    assert verdict.verdict_of(found, verdict.probabilities(found, names)) == ("null", ())
 
 
 def test_structure_at_the_site_of_a_name_contradicts_it():
     """Of the best set alone, and from the nats on that right names never leave."""
     best, other = weighed("lobing", probability=0.9), weighed("step", probability=0.1)
     for sets, nats, found in ((best, 6.0, True), (best, 4.0, False), (other, 6.0, False)):
-        assert contradicted([best, other, replace(sets, at_names=nats)]) == found
+        assert verdict.contradicted([best, other, replace(sets, at_names=nats)]) == found
 
 
 def test_only_confusable_effects_come_closer():
     """Of ten nats by which the leader fits better, six count against a confusable effect."""
     sets = [weighed(ALIKE[0], score=5.0), weighed(ALIKE[1], score=-5.0), weighed("lobing", score=-5.0)]
-    leader, alike, other = (w.score for w in softened(sets))
+    leader, alike, other = (w.score for w in verdict.softened(sets))
     assert (leader, other) == (5.0, -5.0)
     assert leader - alike == pytest.approx(6.0)
 
@@ -239,7 +230,7 @@ def test_an_effect_of_an_improbable_hypothesis_is_no_rival_of_a_cell(behind, exp
         Hypothesis((Member(variant, 1.0, 0.0),), None, 60.0 - less, 0.0)
         for variant, less in ((elsewhere, 0.0), (there, behind))
     ]
-    assert given_away(Cell(*place, ()), ranked) == expected
+    assert verdict.given_away(Cell(*place, ()), ranked) == expected
 
 
 # --- Amplitudes of named effects: their values and uncertainties against sampling, and which are told.
@@ -479,7 +470,7 @@ def test_a_cell_that_fits_a_little_better_is_no_better_explanation(place, form, 
         search = search_of(p, place)
         search.run()
         pool = Pool(both, (np.array([0]),), ROWS, cells=(cell,), owner=np.array([0]))
-        found, alone = weigh(search, pool)
+        found, alone = verdict.weigh(search, pool)
         null = search.hypotheses[frozenset()]
         gain = first(search).log_evidence - null.log_evidence
         return found, gain, alone[0].gain / gain
@@ -513,7 +504,7 @@ def decided(columns, contribution, cell, orders=()):
         search.candidates.variants[f"effect {k}"] = (replace(v, places=wave),)
     search.run()
     shape = Cell(joint(3), Driver("angle", 3), ((),))
-    return decide(search, Pool(cell, (np.array([0]),), ROWS, cells=(shape,), owner=np.array([0])))
+    return verdict.decide(search, Pool(cell, (np.array([0]),), ROWS, cells=(shape,), owner=np.array([0])))
 
 
 @pytest.mark.parametrize(("what", "kind", "names"), [("all", "unknown", 0), ("rest", "named+unexplained", 1)])

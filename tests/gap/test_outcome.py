@@ -16,18 +16,7 @@ from bayescal.estimate import estimate
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.magnitude import (
-    Level,
-    NoiseFloor,
-    _measured,
-    difference,
-    expects,
-    log_predictive,
-    model_levels,
-    of_blocks,
-    of_distances,
-    shrinkage,
-)
+from bayescal.gap.outcome import magnitude
 from bayescal.gap.outcome.margins import holm, margins, residuals_in_time
 from bayescal.gap.outcome.statements import wrong_masses
 from bayescal.gap.search.verdict import Decision
@@ -53,11 +42,11 @@ def rungs(cube):
 
 
 def level(model, fitted):
-    return Level(model, fitted, validation_errors(fitted))
+    return magnitude.Level(model, fitted, validation_errors(fitted))
 
 
 def test_ladder_goes_down_and_gains(rungs):
-    steps = model_levels(rungs)
+    steps = magnitude.model_levels(rungs)
     assert [s.model for s in steps] == [(), FULL[:1], FULL]
     assert (steps[0].delta_elpd, steps[0].delta_elpd_se) == (0.0, 0.0)
     rms = [s.validation_rms for s in steps]
@@ -74,7 +63,7 @@ def test_ladder_goes_down_and_gains(rungs):
 
 def test_the_same_model_again_gains_nothing(rungs):
     last = rungs[-1]
-    _, again = model_levels([last, last])
+    _, again = magnitude.model_levels([last, last])
     assert (again.delta_elpd, again.delta_elpd_se) == (0.0, 0.0)
 
 
@@ -106,19 +95,19 @@ def test_errors_of_masses_that_explain_residuals_are_stated(rungs, shift):
 
 def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
     h = validation_errors(rungs[-1].fitted)
-    density, block = log_predictive(h)
+    density, block = magnitude.log_predictive(h)
     assert density.shape == block.shape == (50,)
     normal = -0.5 * (h.residual / h.sd) ** 2 - np.log(np.sqrt(2 * np.pi) * h.sd)
     quiet = np.abs(h.residual) < 2 * h.sd
     np.testing.assert_allclose(density[quiet], normal[quiet], atol=0.03)
     slipped = h.residual.copy()
     slipped[0] = 1e-2
-    assert density[0] - log_predictive(replace(h, residual=slipped))[0][0] < 13
-    assert difference(np.ones(6), np.arange(6)) == (6.0, 0.0)
+    assert density[0] - magnitude.log_predictive(replace(h, residual=slipped))[0][0] < 13
+    assert magnitude.difference(np.ones(6), np.arange(6)) == (6.0, 0.0)
     drawn, rng = [], np.random.default_rng(0)
     for _ in range(500):  # sums of twelve blocks of five
         shared, own = rng.standard_normal(12), rng.standard_normal(60)
-        drawn.append(difference(np.repeat(shared, 5) + own, np.repeat(np.arange(12), 5)))
+        drawn.append(magnitude.difference(np.repeat(shared, 5) + own, np.repeat(np.arange(12), 5)))
     gain, se = np.array(drawn).T
     assert np.sqrt(np.mean(se**2)) == pytest.approx(np.std(gain), rel=0.12)
 
@@ -126,7 +115,7 @@ def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
 def test_points_have_a_rung_too(tracker):
     scene = Scene(tracker(seed=0, count=60).dataset)
     nominal, last = estimate(with_parameters(scene, (), ())), estimate(build(scene, FULL))
-    steps = model_levels([level((), nominal), level(FULL, last)])
+    steps = magnitude.model_levels([level((), nominal), level(FULL, last)])
     assert steps[1].point_rms == steps[1].validation_rms < 0.1 * steps[0].point_rms
     assert steps[1].delta_elpd > 0
     found = margins(last, validation_errors(last))
@@ -206,13 +195,13 @@ INFINITE = float("inf")
 def test_a_gap_that_is_taken_away_and_half_of_one():
     rng = np.random.default_rng(0)
     noise, effect = NOISE * rng.standard_normal(4000), 20e-6 * rng.standard_normal(4000)
-    (whole,) = shrinkage(held(noise + effect), held(noise), NOISE)
+    (whole,) = magnitude.shrinkage(held(noise + effect), held(noise), NOISE)
     assert (whole.what, whole.count) == ("planes", 4000)
     assert whole.removed == pytest.approx(1.0, abs=0.02)
     assert whole.before == pytest.approx(np.hypot(20e-6, 5e-6), rel=0.05)
     assert whole.floor == pytest.approx(NOISE)
     assert whole.claimed
-    (half,) = shrinkage(held(noise + effect), held(noise + np.sqrt(0.5) * effect), NOISE)
+    (half,) = magnitude.shrinkage(held(noise + effect), held(noise + np.sqrt(0.5) * effect), NOISE)
     assert half.removed == pytest.approx(0.5, abs=0.05)
     assert half.removed_interval95[0] < 0.5 < half.removed_interval95[1]
 
@@ -234,7 +223,7 @@ def test_interval_covers_the_truth(blocks, per_block):
                 np.zeros(count),
             ]
         )
-        found = of_blocks("planes", count, squares, block, (NOISE, NOISE), INFINITE, rng)
+        found = magnitude.of_blocks("planes", count, squares, block, (NOISE, NOISE), INFINITE, rng)
         finite += np.isfinite(found.removed)
         inside += found.removed_interval95[0] <= 0.5 <= found.removed_interval95[1]
     assert finite > 180
@@ -247,7 +236,7 @@ def test_without_a_gap_there_is_no_ratio_and_no_claim():
     for _ in range(100):
         noise = NOISE * rng.standard_normal(60)
         other = noise + 0.5e-6 * rng.standard_normal(60)
-        (found,) = shrinkage(held(noise), held(other), NOISE, noise_dof=45)
+        (found,) = magnitude.shrinkage(held(noise), held(other), NOISE, noise_dof=45)
         ratios += np.isfinite(found.removed)
         claims += found.claimed
     assert ratios <= 10
@@ -259,14 +248,14 @@ def test_worse_distances_are_not_claimed():
     noise = NOISE * rng.standard_normal(60)
     big = 34e-6 * rng.choice([-1, 1], 12)
     before = held(noise + 20e-6, distances=big)
-    planes, distances = shrinkage(before, held(noise, distances=3 * big), NOISE)
+    planes, distances = magnitude.shrinkage(before, held(noise, distances=3 * big), NOISE)
     assert planes.claimed
     assert (distances.what, distances.count, distances.claimed) == ("distances", 12, False)
     assert distances.removed < 0
-    unsure = shrinkage(before, held(noise, distances=big / 10, distance_sd=100e-6), NOISE)[1]
+    unsure = magnitude.shrinkage(before, held(noise, distances=big / 10, distance_sd=100e-6), NOISE)[1]
     assert not unsure.claimed
     assert unsure.predicted == pytest.approx(100e-6)
-    good = shrinkage(before, held(noise, distances=big / 10), NOISE)[1]
+    good = magnitude.shrinkage(before, held(noise, distances=big / 10), NOISE)[1]
     assert good.claimed
     assert good.removed > 0.95
 
@@ -278,14 +267,16 @@ def test_predicted_shrinkage_rests_on_fitted_rows_alone():
     told = []
     for _ in range(2):
         noise = NOISE * rng.standard_normal(2000)
-        (found,) = shrinkage(held(noise + off + effect), held(noise + off, sd=np.hypot(NOISE, 3e-6)), NOISE)
+        (found,) = magnitude.shrinkage(
+            held(noise + off + effect), held(noise + off, sd=np.hypot(NOISE, 3e-6)), NOISE
+        )
         assert found.predicted_before == pytest.approx(found.before, rel=0.05)
         assert found.predicted == pytest.approx(found.after, rel=0.05)
         told.append((found.predicted_before, found.predicted))
     assert told[0] == pytest.approx(told[1], rel=1e-9)
-    assert expects(np.array([7.0, -1.0]), np.array([3.0, -1.0]), np.array([1.0, 1.0])) == pytest.approx(
-        (3.0, 1.0)
-    )
+    assert magnitude.expects(
+        np.array([7.0, -1.0]), np.array([3.0, -1.0]), np.array([1.0, 1.0])
+    ) == pytest.approx((3.0, 1.0))
 
 
 def test_a_slip_does_not_count():
@@ -293,8 +284,8 @@ def test_a_slip_does_not_count():
     noise = NOISE * rng.standard_normal(60)
     slipped = noise.copy()
     slipped[7] = 300e-6
-    (clean,) = shrinkage(held(noise + 15e-6), held(noise), NOISE)
-    (spoilt,) = shrinkage(held(slipped + 15e-6), held(slipped), NOISE)
+    (clean,) = magnitude.shrinkage(held(noise + 15e-6), held(noise), NOISE)
+    (spoilt,) = magnitude.shrinkage(held(slipped + 15e-6), held(slipped), NOISE)
     assert spoilt.count == clean.count - 1
     assert spoilt.after == pytest.approx(clean.after, rel=0.1)
 
@@ -326,10 +317,10 @@ def test_the_coordinates_of_a_point_are_judged_together():
 def test_one_seed_one_result():
     rng = np.random.default_rng(4)
     noise = NOISE * rng.standard_normal(60)
-    first, again = (shrinkage(held(3 * noise), held(noise), NOISE, seed=5) for _ in range(2))
+    first, again = (magnitude.shrinkage(held(3 * noise), held(noise), NOISE, seed=5) for _ in range(2))
     assert first == again
     three = replace(held(noise), block=np.arange(60) // 20)
-    (wide,) = shrinkage(replace(held(3 * noise), block=np.arange(60) // 20), three, NOISE)
+    (wide,) = magnitude.shrinkage(replace(held(3 * noise), block=np.arange(60) // 20), three, NOISE)
     assert wide.removed == pytest.approx(first[0].removed)
 
 
@@ -369,13 +360,15 @@ def test_interval_of_distances_that_share_spheres_covers_the_truth(spheres):
     inside, naive, finite = 0, 0, 0
     for _ in range(150):
         before, after = centres_of(rng, spheres, 0.3, 0.5)
-        found = of_distances(before, after, INFINITE, rng)
+        found = magnitude.of_distances(before, after, INFINITE, rng)
         if not np.isfinite(found.removed):
             continue
         count = len(before.error)
         floor = after.predicted_sd() ** 2
         squares = np.stack([before.error**2, after.error**2, floor, np.zeros(count)])
-        as_rows = of_blocks("distances", count, squares, np.arange(count), (0.0, 0.0), INFINITE, rng)
+        as_rows = magnitude.of_blocks(
+            "distances", count, squares, np.arange(count), (0.0, 0.0), INFINITE, rng
+        )
         low, high = found.removed_interval95
         inside += low <= 1 - 0.3**2 - 0.5**2 <= high
         low, high = as_rows.removed_interval95
@@ -399,16 +392,16 @@ def test_an_uncertain_noise_widens_the_interval():
     rng = np.random.default_rng(7)
     noise, effect = NOISE * rng.standard_normal(1000), 12e-6 * rng.standard_normal(1000)
     before, after = held(noise + effect), held(noise + 0.7 * effect)
-    (sharp,), (loose,) = (shrinkage(before, after, NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    (sharp,), (loose,) = (magnitude.shrinkage(before, after, NOISE, noise_dof=dof) for dof in (1e6, 6.0))
     assert np.ptp(loose.removed_interval95) > 1.5 * np.ptp(sharp.removed_interval95)
     assert sharp.removed == loose.removed
     # the part of the parameters in what is expected has no such uncertainty
     before, after = held(noise + effect, sd=8e-6), held(noise + 0.7 * effect, sd=8e-6)
     noiseless = [replace(h, noise=0.1 * h.noise) for h in (before, after)]
-    (sharp,), (loose,) = (shrinkage(*noiseless, 0.1 * NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    (sharp,), (loose,) = (magnitude.shrinkage(*noiseless, 0.1 * NOISE, noise_dof=dof) for dof in (1e6, 6.0))
     assert np.ptp(loose.removed_interval95) == pytest.approx(np.ptp(sharp.removed_interval95), rel=0.1)
     old, new = centres_of(rng, 8, 0.8, 0.0)
-    far, near = (of_distances(old, new, dof, np.random.default_rng(0)) for dof in (3.0, 1e6))
+    far, near = (magnitude.of_distances(old, new, dof, np.random.default_rng(0)) for dof in (3.0, 1e6))
     assert np.ptp(far.removed_interval95) > np.ptp(near.removed_interval95)
 
 
@@ -418,7 +411,7 @@ def test_the_floor_is_that_of_the_refitted_model():
     noise, off = NOISE * rng.standard_normal(500), 10e-6 * rng.standard_normal(12)
     before = held(noise + 20e-6, sd=40e-6, distances=5 * off, distance_sd=70e-6)
     after = held(noise, sd=np.hypot(NOISE, 3e-6), distances=off, distance_sd=10e-6)
-    planes, distances = shrinkage(before, after, NOISE)
+    planes, distances = magnitude.shrinkage(before, after, NOISE)
     assert planes.floor == pytest.approx(np.hypot(NOISE, 3e-6))
     assert distances.floor == pytest.approx(10e-6)
 
@@ -430,17 +423,17 @@ def test_the_floor_is_that_of_the_refitted_model():
 def test_the_interval_of_the_noise_covers_it_in_95_of_100_sessions(dof):
     """As often above it as below; draws of it, by which the excess has its interval, are within as often."""
     estimates = NOISE * np.sqrt(np.random.default_rng(1).chisquare(dof, 4000) / dof)
-    low, high = np.array([NoiseFloor(sd, dof, "repeats").interval95 for sd in estimates]).T
+    low, high = np.array([magnitude.NoiseFloor(sd, dof, "repeats").interval95 for sd in estimates]).T
     assert np.mean(low > NOISE) == pytest.approx(0.025, abs=0.008)
     assert np.mean(high < NOISE) == pytest.approx(0.025, abs=0.008)
-    own = NoiseFloor(NOISE, dof, "repeats")
+    own = magnitude.NoiseFloor(NOISE, dof, "repeats")
     drawn, (low, high) = own.draws(np.random.default_rng(2)), own.interval95
     assert np.mean((drawn > low) & (drawn < high)) == pytest.approx(0.95, abs=0.015)
 
 
 def test_the_expected_rms_is_that_of_a_fit():
     """A root mean square, not a median: errors with a common cause are skewed, and U = 2 RMS."""
-    found = _measured("sphere distances", 3, np.ones(3), np.array([1.0, 1.0, 4.0]))
+    found = magnitude._measured("sphere distances", 3, np.ones(3), np.array([1.0, 1.0, 4.0]))
     assert found.predicted_rms == pytest.approx(np.sqrt(6.0))
     assert found.predicted_interval95[0] >= 1.0
 

@@ -18,6 +18,7 @@ from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model.options import parts_of
+from bayescal.planning import separate
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.exchange import select
 from bayescal.planning.goals import goals
@@ -25,15 +26,6 @@ from bayescal.planning.plan import continuation, continued
 from bayescal.planning.pool import linearised
 from bayescal.planning.projection import CandidateColumns, Projection, Vocabulary
 from bayescal.planning.result import Random, curves, equals_random, expected, parameters, u_of
-from bayescal.planning.separate import (
-    NO_LEVER,
-    SEPARATED,
-    choose,
-    confusable,
-    detectable,
-    repeated,
-    with_levers,
-)
 from bayescal.reporting.gap.record import undecided_records
 
 
@@ -156,7 +148,7 @@ def test_the_smallest_amplitude_has_the_stated_detectability() -> None:
     c = contrasts(gap_pool(), nominal())
     plan = Projection(c.columns, CHOSEN)
     random = [Projection(c.columns, np.arange(k)) for k in (60, 75, 90)]
-    found = {(d.effect, str(d.site)): d for d in detectable(c.vocabulary, plan, random)}
+    found = {(d.effect, str(d.site)): d for d in separate.detectable(c.vocabulary, plan, random)}
     backlash = found["backlash", "joint 3"]
     ball = found["ball-radius", "probe"]
     assert ball.smallest > 20.0 * ball.plausible  # planes alone hardly show it
@@ -170,7 +162,7 @@ def test_the_smallest_amplitude_has_the_stated_detectability() -> None:
 def test_confusable_effects_are_those_of_the_vocabulary_at_their_weakest_site() -> None:
     c = contrasts(gap_pool(), nominal())
     plan, bare = (Projection(c.columns, k) for k in (CHOSEN, CHOSEN[:60]))
-    found = confusable(c.vocabulary, plan, [bare])
+    found = separate.confusable(c.vocabulary, plan, [bare])
     of_harmonics = [x for _, x in found if {p.split(" at ")[0] for p in x.pair} == {
         "eccentricity", "second-harmonic"
     }]  # fmt: skip
@@ -196,17 +188,17 @@ def test_a_payload_is_the_intervention_for_compliance_beside_bending() -> None:
     pair = Pair((bent,), (Suspect("compliance at joint 3"),))
     c = contrasts(gap_pool(), nominal(without), [pair], parts)
     plan = Projection(c.columns, unloaded)
-    ((weakest, found),) = confusable(c.vocabulary, plan, [Projection(c.columns)], [pair])
-    assert found.before < found.after < SEPARATED
-    (judged,) = with_levers(gap_pool(), MODEL, unloaded, [(weakest, found)], RNG, parts)
+    ((weakest, found),) = separate.confusable(c.vocabulary, plan, [Projection(c.columns)], [pair])
+    assert found.before < found.after < separate.SEPARATED
+    (judged,) = separate.with_levers(gap_pool(), MODEL, unloaded, [(weakest, found)], RNG, parts)
     assert "payload" in judged.intervention
 
 
 def test_effects_that_no_intervention_separates() -> None:
     c = contrasts(gap_pool(), nominal(), [Pair((Suspect("ball-radius"),))])
     ball = Pair((Suspect("ball-radius"),), ())
-    found = confusable(c.vocabulary, Projection(c.columns, CHOSEN), [Projection(c.columns)], [ball])
-    assert with_levers(gap_pool(), MODEL, CHOSEN, found, RNG)[0].intervention == NO_LEVER
+    found = separate.confusable(c.vocabulary, Projection(c.columns, CHOSEN), [Projection(c.columns)], [ball])
+    assert separate.with_levers(gap_pool(), MODEL, CHOSEN, found, RNG)[0].intervention == separate.NO_LEVER
 
 
 # --- Selection for the gap against dense linear algebra, and against trials of every candidate.
@@ -313,7 +305,7 @@ def test_real_columns_are_those_of_a_diagnosis() -> None:
 def test_chosen_contacts_show_more_than_random_ones_and_are_distinct() -> None:
     c = contrasts(gap_pool(), nominal())
     rng = np.random.default_rng(0)
-    chosen = choose(c, 60, rng, start=[4, 5])
+    chosen = separate.choose(c, 60, rng, start=[4, 5])
     assert len(np.unique(np.append(chosen, [4, 5]))) == 62
     value = c.objective(c.strengths(Projection(c.columns, [4, 5, *chosen])))
     others = [
@@ -324,7 +316,7 @@ def test_chosen_contacts_show_more_than_random_ones_and_are_distinct() -> None:
 
 def test_exchange_improves_on_the_greedy_choice() -> None:
     c = contrasts(gap_pool(), nominal())
-    greedy, exchanged = (choose(c, 50, np.random.default_rng(0), exchanges=n) for n in (0, 50))
+    greedy, exchanged = (separate.choose(c, 50, np.random.default_rng(0), exchanges=n) for n in (0, 50))
     value = [c.objective(c.strengths(Projection(c.columns, k))) for k in (greedy, exchanged)]
     assert value[1] > value[0]
 
@@ -336,9 +328,9 @@ def test_payloads_separate_compliance_from_bending() -> None:
     load = gap_pool().session.measurements.payload
     rng = np.random.default_rng(0)
     start = rng.choice(np.flatnonzero(load == 0), 60, replace=False)
-    chosen = choose(c, 15, rng, start)
+    chosen = separate.choose(c, 15, rng, start)
     assert np.mean(load[chosen] > 0) > 0.6
-    unloaded = choose(c, 15, rng, start, allowed=load == 0)
+    unloaded = separate.choose(c, 15, rng, start, allowed=load == 0)
     with_it, without_it = (min(c.strengths(Projection(c.columns, [*start, *k]))) for k in (chosen, unloaded))
     assert with_it > 2.0 * without_it
 
@@ -346,7 +338,7 @@ def test_payloads_separate_compliance_from_bending() -> None:
 def test_repeats_are_of_chosen_contacts_each_once() -> None:
     c = contrasts(gap_pool(), nominal())
     chosen = np.arange(40)
-    again = repeated(c, chosen, np.random.default_rng(0), 10)
+    again = separate.repeated(c, chosen, np.random.default_rng(0), 10)
     assert len(np.unique(again)) == 10
     assert np.isin(again, chosen).all()
 

@@ -45,7 +45,7 @@ def example() -> Setup:
 
 
 @pytest.fixture(scope="module")
-def planned_example(quick_searches) -> Plan:
+def planned_example() -> Plan:
     """100 contacts for distances and for the gap, of 300 candidates."""
     return plan(example(), PlanOptions(100, candidates=300))
 
@@ -84,7 +84,7 @@ def test_better_than_random(planned_example: Plan) -> None:
         assert sum(e.shares.values()) == pytest.approx(1.0)
 
 
-def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
+def test_for_distances_is_more_accurate(planned_example: Plan, quick_search) -> None:
     """A plan for distances alone is more accurate than one for both, which shows effects better."""
     alone = plan(example(), PlanOptions(100, DISTANCES, candidates=300))
     assert planned_example.aim == BOTH

@@ -16,16 +16,7 @@ from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict.crossvalidation import (
-    BLOCKS,
-    blocks,
-    bootstrap_interval95,
-    inside95,
-    interval95,
-    resampled,
-    resampled_distances,
-    validation_errors,
-)
+from bayescal.predict import crossvalidation
 from bayescal.predict.errors import CentreDistances
 from bayescal.predict.forecast import forecast
 from bayescal.predict.locate import Rows, States, _check, locate, robust_rows, search
@@ -155,8 +146,8 @@ def restated(found, off=(0.0, 0.0, 0.0)):
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_sphere_stated_30_mm_off_is_located(example, axis, sign):
     """With no certified diameter: distances, and what is predicted of them, are as with its true place."""
-    h = validation_errors(restated(example, sign * 0.03 * np.eye(3)[axis])).distances
-    known = validation_errors(restated(example)).distances
+    h = crossvalidation.validation_errors(restated(example, sign * 0.03 * np.eye(3)[axis])).distances
+    known = crossvalidation.validation_errors(restated(example)).distances
     np.testing.assert_allclose(h.error, known.error, atol=0.2e-6)
     np.testing.assert_allclose(h.predicted_sd(), known.predicted_sd(), rtol=0.01)
     assert np.max(np.abs(h.error) / h.predicted_sd()) < 4
@@ -297,7 +288,7 @@ def test_rows_of_a_located_instrument_scatter_as_predicted(arm_alone, located_by
     rng = np.random.default_rng(0)
     z = rng.multivariate_normal(found.z, found.covariance, 4000, method="eigh")
     (points,) = validate(found, z, np.ones(4000)).points
-    h = validation_errors(found)
+    h = crossvalidation.validation_errors(found)
     spread = {row: [] for row in h.rows}
     for row, drawn in zip(found.model.scene.rows("validate"), points.predicted.std(axis=0).T, strict=True):
         spread[row] = list(drawn)
@@ -369,12 +360,12 @@ def test_rows_of_one_pose_are_one_block_whatever_they_touch(cube):
     stop[[3, 40, 90]] = "s"
     readings[60] = readings[10]
     at = np.arange(len(m.ids))
-    found = blocks(Scene(with_columns(made, stop=stop, readings=readings, repeat=None)), at)
+    found = crossvalidation.blocks(Scene(with_columns(made, stop=stop, readings=readings, repeat=None)), at)
     assert len({found[3], found[40], found[90]}) == len({found[10], found[60]}) == 1
     assert np.sum(found == found[3]) == 3
     assert np.sum(found == found[10]) == 2
     rest = np.delete(found, [3, 10, 40, 60, 90])
-    assert len(np.unique(rest)) == BLOCKS
+    assert len(np.unique(rest)) == crossvalidation.BLOCKS
     assert np.all(np.diff(rest) >= 0)
 
 
@@ -382,7 +373,7 @@ def test_a_mean_over_blocks_of_any_size_is_a_mean():
     rng = np.random.default_rng(0)
     block = np.repeat(np.arange(12), np.arange(1, 13))
     ones, value = np.ones(len(block)), rng.uniform(size=len(block))
-    means = resampled(block, np.stack([ones, value]), rng)
+    means = crossvalidation.resampled(block, np.stack([ones, value]), rng)
     np.testing.assert_allclose(means[:, 0], 1.0)
     assert value.min() < means[:, 1].min() < value.mean() < means[:, 1].max() < value.max()
 
@@ -393,7 +384,7 @@ def test_many_distances_are_drawn_about_the_measured_mean_square(by_noise, u):
     rng = np.random.default_rng(1)
     noise = 3e-6 * rng.standard_normal(120)
     before, after = (distances(size * rng.standard_normal(120) + noise, by_noise, u) for size in (5e-6, 2e-6))
-    draws = resampled_distances(before, after, rng)
+    draws = crossvalidation.resampled_distances(before, after, rng)
     measured = np.mean(np.stack([before.error, after.error]) ** 2, axis=1)
     np.testing.assert_allclose(np.median(draws, axis=0), measured, rtol=0.05)
 
@@ -401,7 +392,7 @@ def test_many_distances_are_drawn_about_the_measured_mean_square(by_noise, u):
 def test_few_distances_widen_the_draws():
     """A variance that was estimated from n values has a logarithm sqrt(n / (n - 1)) times as uncertain."""
     found = distances(1e-5 * np.array([1.0, -1.2, 0.8]), 1e-8, 0.0)
-    draws = resampled_distances(found, found, np.random.default_rng(2))
+    draws = crossvalidation.resampled_distances(found, found, np.random.default_rng(2))
     of_chi_square = np.sqrt(polygamma(1, 3 / 2))
     assert np.std(np.log(draws[:, 0])) == pytest.approx(np.sqrt(3 / 2) * of_chi_square, rel=0.06)
 
@@ -451,20 +442,20 @@ def test_an_unexplained_error_adds_twice_its_square_to_the_variance(fitted, draw
 
 
 def test_interval_of_draws_is_of_95_percent():
-    low, high = interval95(np.linspace(0.0, 1.0, 1001))
+    low, high = crossvalidation.interval95(np.linspace(0.0, 1.0, 1001))
     assert (low, high) == (pytest.approx(0.025), pytest.approx(0.975))
 
 
 def test_interval_of_normal_draws_holds_95_percent_of_new_ones():
     rng = np.random.default_rng(0)
-    inside = inside95(rng.standard_normal(4000), rng.standard_normal((4000, 4000)))
+    inside = crossvalidation.inside95(rng.standard_normal(4000), rng.standard_normal((4000, 4000)))
     assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
 
 
 def test_bootstrap_interval_is_of_95_percent_and_wider_of_few_blocks():
     draws = np.random.default_rng(1).standard_normal(200_000)
-    low, high = bootstrap_interval95(0.0, draws, 10_000)
+    low, high = crossvalidation.bootstrap_interval95(0.0, draws, 10_000)
     assert (low, high) == (pytest.approx(-1.96, abs=0.02), pytest.approx(1.96, abs=0.02))
-    few = bootstrap_interval95(0.0, draws, 4)
+    few = crossvalidation.bootstrap_interval95(0.0, draws, 4)
     assert few[1] == pytest.approx(3.182 * np.sqrt(4 / 3), rel=0.02)  # Student t of 3 degrees of freedom
-    assert np.isnan(bootstrap_interval95(0.0, draws, 1)).all()
+    assert np.isnan(crossvalidation.bootstrap_interval95(0.0, draws, 1)).all()

@@ -27,7 +27,7 @@ from bayescal.verifying.simulator import TOGETHER, Level, limit
 def run(tmp_path_factory) -> Path:
     """A fitted session and its MJCF file."""
     folder = tmp_path_factory.mktemp("run")
-    session = bc.simulate(contacts=80, later=12, repeats=5, spheres=2, placements=2, seed=1)
+    session = bc.simulate(contacts=80, later=12, repeats=5, spheres=2, placements=2, seed=3)
     bc.fit(session, samples=0).save(folder / "fit", pictures=False)
     bc.export(folder / "fit", "mjcf").save(folder / "arm.xml")
     return folder

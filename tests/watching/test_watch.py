@@ -215,7 +215,7 @@ def test_odd_contacts_are_set_aside(folder):
     cell, lines = folder
     wrong = (50, 52, 58)  # three, but never three of the last five
     some = [shifted_line(line, 2, 0.3) if k in wrong else line for k, line in enumerate(lines[:60])]
-    watch, events = events_of(cell, some, first=48)
+    watch, events = events_of(cell, some)
     judged = [e for e in events if isinstance(e, Contact) and np.isfinite(e.p_value)]
     assert [e.id for e in judged if e.odd] == [lines[k].split(",")[0] for k in wrong]
     assert watch.odd == {49, 51, 57}
