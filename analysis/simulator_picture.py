@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayescal.reporting.style import ACCENT, FAINT, INK, figure, png_of, tidy
+from bayescal.reporting.style import ACCENT, FAINT, INK, figure, png, tidy
 
 WORDS = {"planes": "contacts", "points": "points", "distances": "sphere distances"}
 
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     axes.set_xlabel("RMS (µm)")
     axes.legend(frameon=False, loc="lower right")
     tidy(axes)
-    given.out.write_bytes(png_of(out))
+    given.out.write_bytes(png(out))
 
 
 if __name__ == "__main__":

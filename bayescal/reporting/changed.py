@@ -224,15 +224,15 @@ def absolute(x: Json, key: str) -> str | None:
     """A value of an item with as many decimals as its difference; None where only the difference is known."""
     if x[key] is None:
         return None
-    return f"{text.with_u(x[key], x['U']).partition('(')[0]} {unit_label(x['unit'])}"
+    return f"{text.rounded(x[key], x['U'])[0]} {unit_label(x['unit'])}"
 
 
 def difference(x: Json) -> str:
     """The difference of an entry with its expanded uncertainty, two digits of it and as many of the value."""
     value, u, unit = small(x)
-    number = text.with_u(value, 2.0 * u).partition("(")[0]
+    number, expanded = text.rounded(value, 2.0 * u)
     sign = "+" * (value > 0 and float(number) != 0)
-    return f"{sign}{number} ± {text.as_precise(float(f'{2.0 * u:.2g}'), number)} {unit}".rstrip()
+    return f"{sign}{number} ± {expanded} {unit}".rstrip()
 
 
 def entry_name(x: Json, several: Mapping[str, int]) -> str:

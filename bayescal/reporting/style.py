@@ -36,9 +36,10 @@ SIZE = 7.0
 LARGER = 1.5
 DPI = 200
 
-_SETTINGS: dict[str, Any] = {
+PLAIN_TEXT: dict[str, Any] = {"text.parse_math": False}
+"""Names from files may contain $."""
+_SETTINGS: dict[str, Any] = PLAIN_TEXT | {
     "font.size": SIZE, "text.color": INK,
-    "text.parse_math": False,  # names from files may contain $
     "axes.edgecolor": GREY, "axes.labelcolor": INK, "axes.labelsize": SIZE, "axes.linewidth": 0.6,
     "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True, "axes.unicode_minus": True,
     "axes.formatter.useoffset": False, "axes.formatter.limits": (-6, 7), "grid.color": FAINT,
@@ -49,11 +50,11 @@ TICK = {"labelsize": SIZE, "length": 2.5, "width": 0.6, "pad": 2.0, "color": GRE
 """Parameters of the ticks of axes."""
 
 
-def drawing() -> AbstractContextManager[None]:
+def drawing(settings: dict[str, Any] = _SETTINGS) -> AbstractContextManager[None]:
     """Settings of Matplotlib under which all figures are drawn and written; the user's are left alone."""
     from matplotlib.style import context
 
-    return context(["default", _SETTINGS])
+    return context(["default", settings])
 
 
 def figure(width: float, height: float, title: Sequence[str]) -> Figure:
@@ -68,24 +69,24 @@ def figure(width: float, height: float, title: Sequence[str]) -> Figure:
     return out
 
 
-def png_of(figure: Figure) -> bytes:
-    """A figure as PNG.
+FAST = {"compress_level": 3}
+"""Compression of PNG: half the time of the default, for a tenth more bytes."""
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG, without a date.
 
     `savefig` draws a figure that has or had a layout engine twice, the first time for the layout alone. The
     same pixels come in less time from axes that are placed before and a canvas that draws once.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.text import Text
 
-    for text in figure.findobj(Text):  # names from files may contain $; labels of ticks are none
-        if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
-            text.set_parse_math(False)
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
         figure.set_layout_engine("none")
     out = BytesIO()
-    FigureCanvasAgg(figure).print_png(out)
+    FigureCanvasAgg(figure).print_png(out, metadata={"Software": None}, pil_kwargs=FAST)
     return out.getvalue()
 
 

@@ -201,12 +201,17 @@ def with_u(value: float, u: float) -> str:
     """A value with its standard uncertainty, two digits of it: ``0.0244(10)``, ``12.3(1.4)``."""
     if not (np.isfinite(u) and u > 0):
         return f"{value + 0.0:.9g}"
+    number, size = rounded(value, u)
+    return f"{number}({size if float(size) >= 1.0 else size.replace('.', '').lstrip('0')})"
+
+
+def rounded(value: float, u: float) -> tuple[str, str]:
+    """A value and its uncertainty as text: two significant digits of u."""
+    if not (np.isfinite(u) and u > 0):
+        return f"{value:.9g}", f"{u:.2g}"
     decimals = decimals_of(u)
-    value = round(value, decimals) + 0.0  # no -0
-    if decimals <= 0:
-        return f"{value:.0f}({round(u, decimals):.0f})"
-    digits = f"{u:.{decimals}f}" if round(u, decimals) >= 1.0 else f"{u * 10.0**decimals:.0f}"
-    return f"{value:.{decimals}f}({digits})"
+    digits = max(decimals, 0)
+    return f"{round(value, decimals) + 0.0:.{digits}f}", f"{round(u, decimals):.{digits}f}"  # no -0
 
 
 def facts(rows: Facts) -> Table:

@@ -11,7 +11,7 @@ from bayescal.dataset.table import csv_text
 from bayescal.gap.result import BlindSpot
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.origin import entry, origin, sized
-from bayescal.reporting.style import ACCENT, GREY, MARKED, drawing, figure, png_of, tidy
+from bayescal.reporting.style import ACCENT, GREY, MARKED, drawing, figure, png, tidy
 from bayescal.reporting.text import UM, size, um, um2
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json
@@ -97,7 +97,7 @@ def write_watch(
     }
     if pictures:
         with drawing():
-            more[FIGURE] = png_of(draw(events, contacts))
+            more[FIGURE] = png(draw(events, contacts))
     return write_fit(last_fit, folder, fit_record(last_fit), pictures, more=more)
 
 

@@ -112,12 +112,10 @@ def _distances(arm: FittedArm, centres: Mapping[str, np.ndarray]) -> np.ndarray:
 KINDS = ("planes", "points", "distances")
 RECORDS = ("gap.json", "fit.json")
 LEVEL = {"planes": "heldout_rms_um", "points": "point_rms_um", "distances": "distance_rms_um"}
-BEFORE_AFTER = {
-    "planes": ("nominal_rms_um", "calibrated_rms_um"),
-    "distances": ("nominal_error_um", "calibrated_error_um"),
-}
-"""What fit.json states of validation measurements."""
-NOT_KNOWN = (float("nan"), float("nan"))
+LEVEL_OF_FIT = {"planes": "heldout_planes_rms_um", "points": "points_rms_um", "distances": "distance_rms_um"}
+"""Errors of a model level in gap.json, and in fit.json, where those of points are lengths."""
+NAN = float("nan")
+NOT_KNOWN = (NAN, NAN)
 
 
 @dataclass(frozen=True)
@@ -143,31 +141,25 @@ def read_reported(run: Path) -> Reported:
     try:
         record = read_json(path, again)
         return Reported(tuple(record.get("baseline", ())), {kind: _rms(record, kind) for kind in KINDS})
-    except (KeyError, TypeError, AttributeError) as error:
+    except (LookupError, TypeError, AttributeError) as error:
         what = f"is incomplete or of another version ({type(error).__name__}: {error})"
         raise BayescalError(what, str(path), again) from None
 
 
 def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
     """RMS errors before and after, m, as the run reports them for its own model; of points per coordinate."""
-    shrinkage = record.get("shrinkage", {}).get(kind)
-    if shrinkage:
+    ladder = record.get("ladder", ())
+    if shrinkage := record.get("shrinkage", {}).get(kind):
         return 1e-6 * shrinkage["before_rms_um"], 1e-6 * shrinkage["after_rms_um"]
-    for level in record.get("ladder", ()):
-        if level["model"] == record.get("baseline") and kind in LEVEL:
-            rms = 1e-6 * (level.get(LEVEL[kind]) or float("nan"))
-            return rms, rms if record.get("effects") == [] else float("nan")
-    if kind == "points" and record.get("ladder") and "points_rms_um" in record["ladder"][0]:
-        lengths = [record["ladder"][k]["points_rms_um"] for k in (0, -1)]  # nominal, and the arm
-        before, after = (1e-6 * (x or float("nan")) / 3**0.5 for x in lengths)
+    if "baseline" not in record:
+        per_um = 1e-6 / 3**0.5 if kind == "points" else 1e-6
+        before, after = (per_um * (level[LEVEL_OF_FIT[kind]] or NAN) for level in (ladder[0], ladder[-1]))
         return before, after
-    every = record.get("validation", {}).get(kind) if kind in BEFORE_AFTER else None
-    every = [p for p in every or () if p.get("role", "validate") == "validate"]
-    if not every:
-        return NOT_KNOWN
-    weights = [p["count"] if kind == "planes" else 1.0 for p in every]
-    before, after = (np.average([p[k] ** 2 for p in every], weights=weights) for k in BEFORE_AFTER[kind])
-    return 1e-6 * float(np.sqrt(before)), 1e-6 * float(np.sqrt(after))
+    for level in ladder:
+        if level["model"] == record["baseline"]:
+            rms = 1e-6 * (level.get(LEVEL[kind]) or NAN)
+            return rms, rms if record.get("effects") == [] else NAN
+    return NOT_KNOWN
 
 
 @dataclass(frozen=True)

@@ -283,26 +283,14 @@ def test_formats_without_a_simulator_are_refused(run):
         bc.verify(run / "fit", run / "arm.yaml")
 
 
-def test_errors_that_a_fit_reports_are_those_of_all_its_measurements(tmp_path):
-    """However they are shared out to targets; distances count once each."""
-    rng, sizes = np.random.default_rng(0), (3, 40, 7)
-    before, after = rng.normal(0.0, 90.0, 50), rng.normal(0.0, 20.0, 50) * np.linspace(1.0, 4.0, 50)
-
-    def rms(x):
-        return float(np.sqrt(np.mean(x**2)))
-
-    ends = np.cumsum(sizes)[:-1]
-    planes = [
-        {"count": len(b), "nominal_rms_um": rms(b), "calibrated_rms_um": rms(a), "role": "validate"}
-        for b, a in zip(np.split(before, ends), np.split(after, ends), strict=True)
-    ]
-    pairs = zip(before[:6], after[:6], strict=True)
-    distances = [{"nominal_error_um": b, "calibrated_error_um": a} for b, a in pairs]
-    record = {"validation": {"planes": planes, "distances": distances}}
-    (tmp_path / "fit.json").write_text(json.dumps(record))
+def test_errors_that_a_fit_reports_are_those_of_its_first_and_last_level(tmp_path):
+    """Of points per coordinate, of which the record states the lengths; not known where none are measured."""
+    ladder = [{"heldout_planes_rms_um": x, "distance_rms_um": None, "points_rms_um": x} for x in (90, 50, 20)]
+    (tmp_path / "fit.json").write_text(json.dumps({"ladder": ladder}))
     found = read_reported(tmp_path).rms
-    assert found["planes"] == pytest.approx((1e-6 * rms(before), 1e-6 * rms(after)))
-    assert found["distances"] == pytest.approx((1e-6 * rms(before[:6]), 1e-6 * rms(after[:6])))
+    assert found["planes"] == pytest.approx((90e-6, 20e-6))
+    assert found["points"] == pytest.approx((90e-6 / 3**0.5, 20e-6 / 3**0.5))
+    assert np.all(np.isnan(found["distances"]))
 
 
 def test_errors_of_points_are_the_lengths_that_the_run_states(tmp_path):

@@ -12,9 +12,9 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
-from threading import Thread
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -63,21 +63,15 @@ def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
     """Begin to draw the figures of a record, with the draws of its parameters; call the result for them."""
     if not _waiting:
         return lambda: figures_of(record, draws)
-    process, answer = _waiting.pop(), list[bytes]()
     question = pickle.dumps((dict(record), draws))
-
-    def ask() -> None:
-        answer.append(process.communicate(question)[0])
-
-    asking = Thread(target=ask, daemon=True)
-    asking.start()
+    asked = ThreadPoolExecutor(1).submit(_waiting.pop().communicate, question)
 
     def wait() -> Figures:
-        asking.join(PATIENCE)
-        if process.poll() == 0 and answer and answer[0]:
-            drawn: Figures = pickle.loads(answer[0])
-            return drawn
-        return figures_of(record, draws)
+        try:
+            drawn: Figures = pickle.loads(asked.result(PATIENCE)[0])
+        except (TimeoutError, OSError, EOFError, pickle.UnpicklingError):  # it hangs, or failed
+            return figures_of(record, draws)
+        return drawn
 
     return wait
 

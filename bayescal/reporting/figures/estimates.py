@@ -32,11 +32,6 @@ REDUCTION = {
 KINDS = {"planes": "validation contacts", "distances": "sphere distances", "points": "validation points"}
 
 
-def validated(record: Json) -> bool:
-    """Whether there is any validation measurement."""
-    return bool(record.get("validation", {}).get("distances") or _items(record))
-
-
 def distances_panel(record: Json) -> Panel | None:
     """Error of each certified distance after calibration, and its 95 % prediction interval."""
     every = sorted(record["validation"]["distances"], key=lambda d: -abs(d["calibrated_error_um"]))

@@ -25,15 +25,12 @@ HATCHED: dict[str, Any] = {"facecolor": FAINT, "edgecolor": GREY, "lw": 0.5, "ha
 """Styles of bars that differ in grey."""
 
 
-@dataclass(frozen=True)
-class Bar:
-    """A bar: label, length, its value as text, and its style."""
+@dataclass(frozen=True, kw_only=True)
+class Bar(Row):
+    """A row with a bar: its length and its style."""
 
-    label: str
     value: float
-    text: str
     style: dict[str, Any]
-    strong: bool = False
 
 
 def bars_panel(
@@ -50,7 +47,7 @@ def bars_panel(
         last = end or 1.05 * max((bar.value for bar in bars), default=1.0) or 1.0
         scales.linear_x(axes, 0, last)
 
-    return rows_panel([Row(b.label, b.text, b.strong) for b in bars], lanes, title, x, note, key)
+    return rows_panel(bars, lanes, title, x, note, key)
 
 
 PLACES, CURVES = 7, 3
@@ -75,7 +72,7 @@ def places_panel(record: Json) -> Panel:
         clear, share = significant(w["family_p_value"]), w["share"]
         text = f"{w['rms_um']:.1f} µm" + (f" ({100 * share:.0f} %)" if clear and share is not None else "")
         name = w["text"] + (f" ({w['explained_by']})" if w["explained_by"] else "")
-        bars.append(Bar(name, w["rms_um"], text, FILLED if clear else OPEN))
+        bars.append(Bar(name, text, value=w["rms_um"], style=FILLED if clear else OPEN))
     some = any(significant(w["family_p_value"]) for w in shown)
     title = "Locations, with their share of the excess" if some else "Locations; none is significant"
     key = [Entry("significant", FILLED, patch=True), Entry("not significant", OPEN, patch=True)]
@@ -190,7 +187,10 @@ def effects_panel(record: Json) -> Panel:
     always = {"null", "unknown", *inside}
     ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
     shown = [(n, p or 0.0) for n, p in ranked if n in always or (p or 0.0) >= LEAST][:MOST_EFFECTS]
-    bars = [Bar(rival(n), p, probability(p), FILLED if n in inside else OPEN, n in inside) for n, p in shown]
+    bars = [
+        Bar(rival(n), probability(p), n in inside, value=p, style=FILLED if n in inside else OPEN)
+        for n, p in shown
+    ]
     missing = ", ".join(not_assessed(record))
     key = [Entry("in the 90 % set", FILLED, patch=True), Entry("not in it", OPEN, patch=True)]
     note = f"not assessed: {missing}" if missing else ""
@@ -204,7 +204,7 @@ def sets_panel(record: Json) -> Panel:
     nats = [signed(h["log_evidence"], 1).replace("-", "−") for h in sets]
     labels = set_labels([h["effects"] for h in sets])
     bars = [
-        Bar(text, h["probability"], f"{probability(h['probability'])}  ({n} nats)", OPEN)
+        Bar(text, f"{probability(h['probability'])}  ({n} nats)", value=h["probability"], style=OPEN)
         for text, h, n in zip(labels, sets, nats, strict=True)
     ]
     label = "probability (log evidence relative to noise only)"
@@ -239,8 +239,9 @@ def budget_panel(budget: Json) -> Panel:
         return f"{um:.2g} µm, {100 * um**2 / total**2:.0f} %" if total else ""
 
     bars = [
-        Bar(c["name"], abs(c["contribution_um"]), share(c["contribution_um"]), TYPES.get(c["type"], OPEN))
+        Bar(c["name"], share(um), value=abs(um), style=TYPES.get(c["type"], OPEN))
         for c in shown
+        for um in (c["contribution_um"],)
     ]
     used = dict.fromkeys(c["type"] for c in shown)
     key = [Entry(f"type {t}", TYPES.get(t, OPEN), True) for t in used]

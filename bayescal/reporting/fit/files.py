@@ -22,8 +22,7 @@ from bayescal.posterior.linearised import scale_names
 from bayescal.predict.validation import RowCheck
 from bayescal.reporting.origin import entry, origin, plain, scaled
 from bayescal.reporting.sheet import screen, sheet_of_cells
-from bayescal.reporting.text import MISSING, MM, UM, Facts, percent, size, two_digits
-from bayescal.statistics import decimals_of
+from bayescal.reporting.text import MISSING, MM, UM, Facts, percent, rounded, size, two_digits
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -109,20 +108,10 @@ def in_words(budget: Budget) -> str:
     m = budget.measurand
     error = m.value is None or abs(m.value) < 1e3 * budget.u  # then a length is in µm
     unit, factor = ("um", 1e6) if m.unit == "m" and m.kind != PARAMETER and error else UNITS[m.unit]
-    value, u = rounded(None if m.value is None else factor * m.value, factor * budget.expanded)
+    value, u = rounded(factor * (m.value or 0.0), factor * budget.expanded)
     of = unit_label(unit)
-    text = f"U = {u} {of}" if value is None else f"({value} ± {u}) {of}"
+    text = f"U = {u} {of}" if m.value is None else f"({value} ± {u}) {of}"
     return f"{text.rstrip()}, k = {budget.k:.2f}"
-
-
-def rounded(value: float | None, u: float) -> tuple[str | None, str]:
-    """A value and its uncertainty as text: two significant digits of u."""
-    if not (np.isfinite(u) and u > 0):
-        return (None if value is None else f"{value:.9g}"), f"{u:.2g}"
-    decimals = decimals_of(u)
-    digits = max(decimals, 0)
-    first = None if value is None else f"{round(value, decimals) + 0.0:.{digits}f}"
-    return first, f"{round(u, decimals):.{digits}f}"
 
 
 def budget_table(budget: Budget) -> RenderableType:
@@ -163,7 +152,7 @@ def _sums(budget: Budget) -> Facts:
     """The measurand, its uncertainty, and whether priors determine it."""
     unit, factor = ("um", 1e6) if budget.measurand.unit == "m" else UNITS[budget.measurand.unit]
     dof = "normal" if budget.dof > MOST_DOF else f"{budget.dof:.0f} effective degrees of freedom"
-    u = rounded(None, factor * budget.u)[1]
+    u = rounded(0.0, factor * budget.u)[1]
     yield "measurand", budget.measurand.name, "bold"
     if budget.measurand.position is not None:
         coordinates = ", ".join(f"{1e3 * x:.3f}" for x in budget.measurand.position)

@@ -226,7 +226,7 @@ def write_plan(
         File names.
     """
     from bayescal.reporting.figures.plan import draw_plan
-    from bayescal.reporting.style import png_of
+    from bayescal.reporting.style import PLAIN_TEXT, drawing, png
 
     later = commands(folder, plan.session.targets)
     texts = {PLAN: table_of_plan(plan), RECORD: json_text(plan_record(plan, later), rows=False)}
@@ -234,7 +234,8 @@ def write_plan(
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
     for form in formats_of(formats, probe):
         texts |= form.files(plan, probe or Probe())
+    with drawing(PLAIN_TEXT):
+        drawn = png(draw_plan(plan))
     with whole(folder, RECORD) as stage:
-        drawn = png_of(draw_plan(plan))
         texts[PAGE] = plan_page(plan, drawn, tuple(later.items()))
         return *put(stage, {**texts, PICTURE: drawn}), *write_setup(plan.pool.setup.dataset, stage)
