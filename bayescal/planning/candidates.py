@@ -20,7 +20,7 @@ from bayescal.model.block import tool_frames
 from bayescal.model.scene import Scene
 from bayescal.planning.pool import POSE, Pool, Setup
 from bayescal.planning.search import EACH, Search, chosen, goals, located, tools_for, tried_once
-from bayescal.probing.contacts import TURNING, WALLED, Contacts, Hand, Rows
+from bayescal.probing.contacts import TURNING, WALLED, Contacts, Rows
 from bayescal.robots import only_one_arm
 from bayescal.storage.stopping import Progress, silent
 from factors.camera import Camera
@@ -207,9 +207,9 @@ def candidates(
         if s.have
     ]
     missing = _unlocated(setup, searches) if validation else []
-    for tool in sorted({min(s.hands) for s in missing}):
-        of_tool = [s for s in missing if min(s.hands) == tool]
-        contacts = located(setup, of_tool, tool, of_tool[0].hands[tool], rng)
+    for tool in sorted({min(s.tools) for s in missing}):
+        of_tool = [s for s in missing if min(s.tools) == tool]
+        contacts = located(setup, of_tool, tool, rng)
         for s, reached in zip(of_tool, contacts, strict=True):
             parts.append(("validate", s, np.full(len(reached), tool), reached))
             if not len(reached):
@@ -239,15 +239,9 @@ def _points(dataset: Dataset) -> np.ndarray:
 
 def _searches(setup: Setup) -> list[Search]:
     """A search for every target, with the tools that measure it."""
-    dataset, around = setup.dataset, setup.scene
-    tools = [tools_for(dataset, k) for k in range(len(dataset.targets))]
-    needed = sorted({k for indices in tools for k in indices})
-    hands = {k: Hand.of(dataset, k, around, setup.cone, setup.clearance) for k in needed}
-    solids = around.touched([t.name for t in dataset.targets])
-    return [
-        Search(k, {tool: hands[tool] for tool in indices}, int(solid))
-        for k, (indices, solid) in enumerate(zip(tools, solids, strict=True))
-    ]
+    dataset = setup.dataset
+    solids = setup.scene.touched([t.name for t in dataset.targets])
+    return [Search(k, tools_for(dataset, k), int(solid)) for k, solid in enumerate(solids)]
 
 
 def _unlocated(setup: Setup, searches: list[Search]) -> list[Search]:

@@ -27,7 +27,7 @@ from bayescal.dataset.write import taken
 from bayescal.planning.pool import Pool
 from bayescal.planning.result import Ways
 from bayescal.probing.clearance import RETRACT
-from bayescal.probing.contacts import EVERY, SPEED, Hand
+from bayescal.probing.contacts import EVERY, SPEED
 from bayescal.probing.motions import RAISED, TOLERANCE, Place, seconds_between
 from bayescal.probing.scene import placements
 
@@ -222,12 +222,6 @@ class Transits:
         labels = np.array(placements([t.name for t in session.targets]), object)
         return labels[session.measurements.target]
 
-    @cached_property
-    def _hands(self) -> list[Hand]:
-        setup = self.pool.setup
-        every = range(len(setup.dataset.tools))
-        return [Hand.of(setup.dataset, k, setup.scene, setup.cone, setup.clearance) for k in every]
-
     def blocked(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Which straight motions between the approaches of rows (M,) collide, (M,).
 
@@ -241,7 +235,7 @@ class Transits:
         places = zip(tool[end[moved]].tolist(), map(str, label[moved]), strict=True)
         for k, name in sorted(set(places)):
             some = moved & (tool[end] == k) & (label == name)
-            out[some] = ~self._hands[k].place(name).free(approach[begin[some]], approach[end[some]])
+            out[some] = ~self.pool.setup.hands[k].place(name).free(approach[begin[some]], approach[end[some]])
         return out
 
     def ways(self, rows: np.ndarray) -> Ways:
@@ -253,7 +247,7 @@ class Transits:
         none = np.empty((0, approach.shape[1]))
         leave: list[np.ndarray | None] = [none] * len(rows)
         via: list[np.ndarray | None] = [none] * len(rows)
-        places = [self._hands[t].place(str(n)) for t, n in zip(tool, labels, strict=True)]
+        places = [self.pool.setup.hands[t].place(str(n)) for t, n in zip(tool, labels, strict=True)]
         for k in np.flatnonzero(stops):
             before = None if k == 0 else (places[k - 1], approach[k - 1])
             leave[k], via[k] = stopped(before, (places[k], approach[k]))
@@ -263,7 +257,7 @@ class Transits:
                 via[k] = way
         for row in [k for k, way in enumerate(via) if way is None and not stops[k]]:
             # among more solids, where a way to each contact is known
-            every = self._hands[tool[row]].place(EVERY)
+            every = self.pool.setup.hands[tool[row]].place(EVERY)
             via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
         robot = self.pool.session.robot
         ends = zip(approach, via, strict=True)
@@ -295,7 +289,7 @@ class Transits:
                 of, a, b = (np.array(part) for part in zip(*some, strict=True))
                 np.minimum.at(out, of, place.clearance.closest(a, b, TOLERANCE))
             rows_here = np.array([k for k, one in enumerate(places) if one is place])
-            hand = self._hands[m.tool[rows[rows_here[0]]]]
+            hand = self.pool.setup.hands[m.tool[rows[rows_here[0]]]]
             names = [self.pool.session.targets[t].name for t in m.target[rows[rows_here]]]
             touched = self.pool.setup.scene.touched(names)
             for a, b, slack in hand.line(m.readings[rows[rows_here]], approach[rows_here]):

@@ -30,6 +30,7 @@ from bayescal.estimate.estimate import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.options import FitOptions, Part
+from bayescal.probing.contacts import Hand
 from bayescal.probing.motions import CLEAR, CONE
 from bayescal.probing.scene import Scene as SolidScene
 from bayescal.probing.scene import scene_of
@@ -93,6 +94,12 @@ class Setup:
     def scene(self) -> SolidScene:
         """The solids: boxes, spheres, walls, cylinders, posts of seats, the table, those of the session."""
         return scene_of(self.dataset, self.regions, self.table)
+
+    @cached_property
+    def hands(self) -> tuple[Hand, ...]:
+        """The arm with each tool of the session."""
+        every = range(len(self.dataset.tools))
+        return tuple(Hand.of(self.dataset, k, self.scene, self.cone, self.clearance) for k in every)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ error of the arm that depends on the configuration does not deform it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,11 +30,13 @@ HOPELESS = 1500, 0.004
 class Search:
     """The search on one target: contacts so far with their tools, places tried, and why others were none.
 
+    `tools` are those that measure it.
+
     `by_hand`: contacts to which no free way leads are among them.
     """
 
     target: int
-    hands: Mapping[int, Hand]
+    tools: Sequence[int]
     solid: int
     contacts: list[tuple[int, Contacts]] = field(default_factory=list)
     tried: int = 0
@@ -79,7 +81,7 @@ def tools_for(dataset: Dataset, target: int) -> list[int]:
     return others if kind.of_instrument and others else balls or others
 
 
-def sites_on(setup: Setup, target: int, hand: Hand, tool: int, count: int, rng: np.random.Generator) -> Sites:
+def sites_on(setup: Setup, target: int, tool: int, count: int, rng: np.random.Generator) -> Sites:
     """`count` random places of a tool on a target, with random directions of it within its cone.
 
     Where the kind of the target gives none, they are in the volume of interest, or wherever the arm reaches.
@@ -94,17 +96,18 @@ def sites_on(setup: Setup, target: int, hand: Hand, tool: int, count: int, rng: 
         if planned.faults is not None:
             fault = planned.faults(entry, region, poses)
         return Sites(poses[:, :, 3], np.full((count, 3), np.nan), poses[:, :, 2], poses[:, :, :3], fault)
-    points, normals = places or (_in_volume(setup, hand, count, rng), np.full((count, 3), np.nan))
+    points, normals = places or (_in_volume(setup, tool, count, rng), np.full((count, 3), np.nan))
     axes = cone(np.tile([0.0, 0.0, 1.0], (count, 1)), np.pi, rng)
     touched = np.isfinite(normals[:, :1])
     axes = np.where(touched, cone(np.where(touched, -normals, axes), setup.cone, rng), axes)
     return Sites.of(points, normals, axes)
 
 
-def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -> np.ndarray:
+def _in_volume(setup: Setup, tool: int, count: int, rng: np.random.Generator) -> np.ndarray:
     """TCP positions (count, 3), m, in the volume of interest, or of random configurations."""
     if setup.volume is None:
-        return hand.points[rng.integers(len(hand.points), size=count)]
+        points = setup.hands[tool].points
+        return points[rng.integers(len(points), size=count)]
     return setup.volume.centre + rng.uniform(-0.5, 0.5, (count, 3)) * setup.volume.size
 
 
@@ -123,12 +126,12 @@ def tried_once(
     missing = [goal - s.have for s, goal in zip(searches, goals(searches, count), strict=True)]
     if not any(number > 0 for number in missing):
         return False
-    for tool, hand in sorted({k: hand for s in searches for k, hand in s.hands.items()}.items()):
-        active, parts = [], []
+    for tool in sorted({k for s in searches for k in s.tools}):
+        hand, active, parts = setup.hands[tool], [], []
         for search, number in zip(searches, missing, strict=True):
-            if number > 0 and tool in search.hands:
-                tries = int(np.ceil(SPARE * number / search.share / len(search.hands))) + 8
-                parts.append(sites_on(setup, search.target, hand, tool, min(tries, BATCH), rng))
+            if number > 0 and tool in search.tools:
+                tries = int(np.ceil(SPARE * number / search.share / len(search.tools))) + 8
+                parts.append(sites_on(setup, search.target, tool, min(tries, BATCH), rng))
                 active.append(search)
         if not parts:
             continue
@@ -182,34 +185,30 @@ TILT = np.radians(10.0)  # variation of the direction of the tool
 ROUNDS = 6
 
 
-def located(
-    setup: Setup, searches: Sequence[Search], tool: int, hand: Hand, rng: np.random.Generator
-) -> list[Contacts]:
+def located(setup: Setup, searches: Sequence[Search], tool: int, rng: np.random.Generator) -> list[Contacts]:
     """`EACH` contacts on the sphere of each search; none (K = 0) where too little of it can be touched.
 
     The configuration is that, of a few, from which most of the sphere is reached. Reasons are counted in the
     searches.
     """
-    out = [Contacts.none(hand.arm.robot.n)] * len(searches)
+    out = [Contacts.none(setup.dataset.robot.n)] * len(searches)
     for _ in range(ROUNDS):
         missing = [k for k, contacts in enumerate(out) if not len(contacts)]
         if not missing:
             break
         some = [searches[k] for k in missing]
-        for k, contacts in zip(missing, _located(setup, some, tool, hand, rng), strict=True):
+        for k, contacts in zip(missing, _located(setup, some, tool, rng), strict=True):
             out[k] = contacts
     return out
 
 
-def _located(
-    setup: Setup, searches: Sequence[Search], tool: int, hand: Hand, rng: np.random.Generator
-) -> list[Contacts]:
-    names = [setup.dataset.targets[s.target].name for s in searches]
+def _located(setup: Setup, searches: Sequence[Search], tool: int, rng: np.random.Generator) -> list[Contacts]:
+    hand, names = setup.hands[tool], [setup.dataset.targets[s.target].name for s in searches]
 
     def places(count: np.ndarray) -> Sites:
         """Random places on each sphere, `count` (S,)."""
         each = zip(searches, count, strict=True)
-        return Sites.join([sites_on(setup, s.target, hand, tool, int(n), rng) for s, n in each])
+        return Sites.join([sites_on(setup, s.target, tool, int(n), rng) for s, n in each])
 
     def reach(sites: Sites, sphere: np.ndarray, starts: np.ndarray | None = None) -> Contacts:
         reached = hand.reach(sites, np.array([s.solid for s in searches])[sphere], rng, starts)

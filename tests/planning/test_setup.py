@@ -332,7 +332,7 @@ def test_placements_that_come_one_after_the_other_are_not_between_each_other():
     m, moves = pool.session.measurements, Transits(pool)
     one, other = (np.flatnonzero(m.target == names.index(name))[0] for name in names[4:])
     there = {
-        key: sum(bool(s.shapes) for s in moves._hands[0].place(key).clearance.solids) for key in ("1", "")
+        key: sum(bool(s.shapes) for s in pool.setup.hands[0].place(key).clearance.solids) for key in ("1", "")
     }
     assert there == {"1": 3, "": 2}  # cube, one sphere, table
     assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
