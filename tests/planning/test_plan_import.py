@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from made_up_plans import made_up_plan
@@ -23,6 +24,7 @@ from bayescal.reporting import plan_sheets
 from bayescal.reporting.figures.plan import draw_plan
 from bayescal.reporting.page.plan import plan_page, plan_record, table_of_plan, write_plan
 from bayescal.reporting.plan_sheets import plan_summary
+from bayescal.reporting.style import figure
 from bayescal.simulation import touch
 
 
@@ -282,6 +284,21 @@ def test_the_summary_states_cost_and_gain(reported_plan):
     assert re.search(r"backlash, joint 6 +0\.0011 deg +0\.0029 deg", text)
     assert "would be separated by a payload of 2 kg" in text
     assert "fewer contacts than unknowns + 40" in text
+
+
+def test_settings_of_the_user_do_not_matter_for_the_picture(reported_plan, tmp_path, monkeypatch):
+    sizes = []
+
+    def drawn(plan):
+        sizes.append(mpl.rcParams["font.size"])
+        out = figure(1, 1, [plan.session.name])
+        out.subplots()
+        return out
+
+    monkeypatch.setattr("bayescal.reporting.figures.plan.draw_plan", drawn)
+    with mpl.rc_context({"font.size": 30}):
+        write_plan(reported_plan, tmp_path / "run")
+    assert sizes == [mpl.rcParamsDefault["font.size"]]
 
 
 def test_a_plan_without_some_figures_prints(reported_plan):

@@ -23,9 +23,8 @@ def marked(place: Json) -> bool:
 
 
 def amplitudes_of(record: Json, effect: str) -> list[Json]:
-    """The significant amplitudes of an effect; all where none is significant."""
-    amplitudes = [a for a in record["amplitudes"] if a["effect"] == effect]
-    return [a for a in amplitudes if a["significant"]] or amplitudes
+    """The amplitudes of an effect: the significant ones, or one where none is."""
+    return [a for a in record["amplitudes"] if a["effect"] == effect]
 
 
 def location_of(record: Json, effect: str) -> str:

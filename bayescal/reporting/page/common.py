@@ -9,7 +9,7 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting import page
 from bayescal.reporting.body import joints_of, typical
 from bayescal.reporting.page import svg
-from bayescal.reporting.page.svg import draw_arm, marked_sites, numbers
+from bayescal.reporting.page.svg import draw_arm, marked_sites, marks_of
 from bayescal.reporting.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.text import MISSING, length, share, two_digits
 from bayescal.storage.reading import Json
@@ -39,22 +39,16 @@ def interactive(run: page.Run) -> dict[str, Any] | None:
     """What the page's script draws; None for a record without rows."""
     if not run.drawable:
         return None
-    rows, sites = run.rows, marked_sites(run)
+    rows = run.rows
     points = np.array(rows["point_mm"], float)
     away = np.median(points[:, :2], axis=0) - run.record["arm"]["links_mm"][0][:2]
     angle = float(np.arctan2(away[1], away[0])) - np.radians(65.0)  # the arm from the side
-    kinds = {s.kind for s in sites}
     return {
         "rows": {key: rows[key] for key in DRAWN} | {"joint": np.round(joints_of(run.record), 2).tolist()},
         "arm": run.record["arm"],
         "typical": typical(joints_of(run.record)),
         "eye": {"x": 1.15 * np.cos(angle), "y": 1.15 * np.sin(angle), "z": 0.5},
-        "marks": {
-            "joints": numbers(sites, "joint"),
-            "links": numbers(sites, "link"),
-            "base": "base" in kinds,
-            "tip": bool(kinds & {"tool", "probe"}),
-        },
+        "marks": marks_of(marked_sites(run)),
         "noise_um": noise(run),
         "signed": signed(run),
         "residual_label": "residual (µm)" if signed(run) else "length of the error vector (µm)",

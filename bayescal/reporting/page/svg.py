@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -214,9 +215,11 @@ def marked_sites(run: Run) -> tuple[Site, ...]:
     return tuple(map(Site.read, figure_sites(run.record))) if run.kind == "gap" else ()
 
 
-def numbers(sites: Sequence[Site], kind: str) -> list[int]:
-    """Numbers, from 1, of the sites of a kind: joint or link."""
-    return [s.number for s in sites if s.kind == kind]
+def marks_of(sites: Sequence[Site]) -> dict[str, Any]:
+    """What sites mark on the arm: numbers, from 1, of joints and links, and whether the base and the tip."""
+    numbers = {f"{kind}s": [s.number for s in sites if s.kind == kind] for kind in ("joint", "link")}
+    kinds = {s.kind for s in sites}
+    return {**numbers, "base": "base" in kinds, "tip": bool(kinds & {"tool", "probe"})}
 
 
 def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
@@ -240,14 +243,12 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     count = len(arm["joints"]) + len(sites)
     sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]), count)
     axis = sheet.to_svg(flat[: len(chain)])
-    joints, links = numbers(sites, "joint"), numbers(sites, "link")
-    kinds = {s.kind for s in sites}
-    tip = bool(kinds & {"tool", "probe"})
+    marks = marks_of(sites)
 
     def marked(o: Outline) -> bool:
         if o.kind == "tool":
-            return tip
-        return o.kind == "arm" and (o.joint in links or (o.joint == 0 and "base" in kinds))
+            return bool(marks["tip"])
+        return o.kind == "arm" and (o.joint in marks["links"] or (o.joint == 0 and marks["base"]))
 
     parts = [
         line(
@@ -266,19 +267,19 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
             style = f"contact level{int(4 * min(s, 0.999))}"
             parts.append(f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{1.4 + 1.8 * s:.1f}"/>')
     if not any(o.joint == 0 for o in shown):  # a base without a length has no capsule
-        style = "base marked" if "base" in kinds else "base"
+        style = "base marked" if marks["base"] else "base"
         x, y = axis[0] - [16, 3]
         parts.append(f'<rect class="{style}" x="{x:.1f}" y="{y:.1f}" width="32" height="9"/>')
-    labels = [(f"J{k}", axis[k], k in joints) for k in range(1, len(arm["joints"]) + 1)]
+    labels = [(f"J{k}", axis[k], k in marks["joints"]) for k in range(1, len(arm["joints"]) + 1)]
     for k, (_, (x, y), hit) in enumerate(labels, start=1):
         style, r = ("joint marked", 8) if hit else ("joint", 4.5)
         parts.append(
             f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{r}"><title>joint {k}</title></circle>'
         )
     parts.append(f'<circle class="tip" cx="{axis[-1, 0]:.1f}" cy="{axis[-1, 1]:.1f}" r="3"/>')
-    labels += [(f"link {k}", axis[k : k + 2].mean(axis=0), True) for k in links]
+    labels += [(f"link {k}", axis[k : k + 2].mean(axis=0), True) for k in marks["links"]]
     labels += [(s.text, axis[-1], True) for s in sites if s.kind in ("tool", "probe")]
-    labels += [("base", axis[0], True)] if "base" in kinds else []
+    labels += [("base", axis[0], True)] if marks["base"] else []
     parts += _labels(labels, sheet)
     named = ", ".join(s.text for s in sites)
     words = f"The arm {arm['robot']} in a typical pose" + (f"; marked: {named}" if named else "")
