@@ -173,7 +173,7 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     session = _session(pool, rows, repeats=set(pool.candidates[repeats].tolist()))
     progress("done", 1.0)
     return Plan(
-        pool=pool,
+        pool=replace(pool, setup=replace(setup)),  # without the free configurations of its hands: 60 MB
         session=session,
         purpose=tuple(purpose[k] for k in visit),
         approach=pool.approach[rows],
