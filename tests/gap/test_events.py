@@ -49,10 +49,17 @@ def shifted(dataset: Dataset, events: dict[int, tuple[float, ...]]) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def several():
+def search():
     """Two shifts of the base, of 0.1 mm and 0.08 mm, in noise of 0.01 mm."""
     session = shifted(tracker(seed=3, count=110).dataset, {38: (1e-4, 0, 0), 80: (0, -8e-5, 2e-5)})
-    return diagnose(plain(session), MODEL)
+    return examine(Scene(plain(session), oriented=True), MODEL, USUAL)
+
+
+@pytest.fixture(scope="module")
+def several(search):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayescal.gap.diagnose.examine", lambda *_: search)
+        return diagnose(search.fitted.model.scene.dataset, MODEL)
 
 
 def test_an_instrument_that_turned_is_named():
@@ -89,10 +96,11 @@ def test_validation_rows_beside_an_event_count_with_its_most_probable_row():
     assert np.array_equal(held.residual, validation_errors(alone).residual)
 
 
-def test_an_arm_is_without_names_that_increase_validation_errors(several, monkeypatch):
+def test_an_arm_is_without_names_that_increase_validation_errors(search, several, monkeypatch):
     """Also where each of them alone passes the tests."""
     assert several.arm.model.effects == several.refit != MODEL
     monkeypatch.setattr(Change, "refuted", True)
+    monkeypatch.setattr("bayescal.gap.diagnose.examine", lambda *_: search)
     refuted = diagnose(several.dataset, MODEL)
     assert [n.effect for n in refuted.verdict.named] == [n.effect for n in several.verdict.named]
     assert not any(n.confirmed for n in refuted.verdict.named)
@@ -322,8 +330,8 @@ def test_a_stage_that_fails_is_left_out(stages, waved, explained, monkeypatch, t
     """The files are there, with a sentence; a singular matrix is as bad as a fit that is refused."""
     for stage in stages:
         monkeypatch.setattr(f"bayescal.gap.diagnose.{stage}", failing(np.linalg.LinAlgError("singular")))
-    if stages != ("refit",):
-        monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: explained)
+    earlier = ("examine", explained.first) if stages == ("refit",) else ("explain", explained)
+    monkeypatch.setattr(f"bayescal.gap.diagnose.{earlier[0]}", lambda *_: earlier[1])
     gap = diagnose(waved, MODEL)
     write_gap(gap, tmp_path / "out", gap_record(gap), pictures=False)
     filed = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
