@@ -4,6 +4,7 @@ import json
 import re
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 import foreign
 import numpy as np
@@ -27,7 +28,7 @@ from bayescal.estimate.estimate import check_converged
 from bayescal.estimate.unexplained import check_faces, unexplained, with_uneven_faces
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
-from bayescal.gap.examine import examine
+from bayescal.gap.examine import Baseline, Examined, examine
 from bayescal.gap.search.refit import refit
 from bayescal.model import ARM, build, check_asked
 from bayescal.model.options import FitOptions
@@ -229,11 +230,14 @@ def test_a_bulging_face_is_seen_and_fitted(cube):
     assert better.weights.scale["contact"] < 0.7 * found.weights.scale["contact"]
 
 
-def test_refits_of_a_diagnosis_are_completed_as_a_fit(cube):
+def test_refits_of_a_diagnosis_are_completed_as_a_fit(cube, monkeypatch):
     """The baseline and a refit without names are the fit; the search has flat faces: the form is a name."""
     session = plain(bulging(cube(seed=6, count=90).dataset, 60e-6))
     found = fit(session, FULL, samples=0).final.estimate
     assert found.model.effects == (*FULL, "plane-form")
+    nothing = *[None] * 4, SimpleNamespace(kind="null", members=())
+    unsearched = lambda b, _: Examined(b.fitted, b.circumstances, b.candidates, *nothing)  # noqa: E731
+    monkeypatch.setattr(Baseline, "weighed", unsearched)
     e = examine(Scene(session, oriented=True), FULL, FitOptions())
     assert e.fitted.model.effects == FULL
     for same in (e.complete, refit(e.fitted, e.candidates, [], e.options)):
