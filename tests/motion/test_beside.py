@@ -68,6 +68,15 @@ def test_in_a_null_log_general_functions_gain_little(pool):
     assert np.log(np.mean(np.exp(nats))) < 1.0
 
 
+def test_gains_beside_several_fits_are_those_beside_each(pool):
+    bank, search = pool.bank(pool.estimate.noise), search_of(pool)
+    members = [Member(form, 1.0) for form, _ in search.forms[:2]]
+    fits = [search.fit(members), search.fit(members[:1]), search.fit(members[1:])]
+    apart = [bank.gains([fit])[0] for fit in fits]
+    for one, other in zip(bank.gains(fits), apart, strict=True):
+        np.testing.assert_allclose([v for _, v in one], [v for _, v in other], rtol=1e-9, atol=1e-9)
+
+
 def test_the_size_of_a_place_is_by_how_much_the_residuals_change(pool):
     """An error of masses that the model has too: what its parameters explain without it is not its size."""
     search, table = search_of(pool), pool.table.of_role(CALIBRATE)
