@@ -19,15 +19,7 @@ from bayescal.arm.chain import chain_of, frames, link_angles, points
 from bayescal.arm.statics import gravity_loads, torques_on_links
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import target_kinds
-from bayescal.dataset.contacts import (  # fmt: skip
-    Contacts,
-    load_centre,
-    load_mass,
-    nominal_length,
-    residual,
-    scatter,
-    settled,
-)
+from bayescal.dataset.contacts import Contacts, length_of, load_centre, load_mass, residual, scatter, settled
 from bayescal.dataset.table import Table, joint_columns
 from bayescal.dataset.target_kinds import KINDS, LOOSE
 from bayescal.dataset.types import Dataset, Target
@@ -133,7 +125,7 @@ def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
         if c.distance is None or len(c.targets) < 2:
             continue
         pair = [targets[name] for name in c.targets]
-        there = nominal_length(pair, c.kind)
+        there = length_of(pair, c.kind)
         if there is None or abs(c.distance - there) <= NEAR * c.distance:
             continue
         loose = max(LOOSE if t.u is None else 5 * t.u for t in pair)
@@ -230,10 +222,8 @@ class Planned:
         made = "such a contact was not made"
         if not self.certain:
             made = f"perhaps not made (chance of such measured contacts {self.chance:.1g})"
-        return (
-            f"{contacts} the readings of a plan ({', '.join(ids)}{more}): the nominal arm touches the "
-            f"nominal target within {error}; {made}"
-        )
+        touches = f"the nominal arm touches the nominal target within {error}"
+        return f"{contacts} the readings of a plan ({', '.join(ids)}{more}): {touches}; {made}"
 
 
 def planned(dataset: Dataset) -> Planned | None:
@@ -292,10 +282,9 @@ def copies(dataset: Dataset) -> str:
         return ""
     ids, (row, one) = dataset.measurements.ids, pairs[0]
     rows = f"{len(pairs)} of {len(ids)} rows have" if len(pairs) > 1 else "1 row has"
-    return (
-        f"{rows} the values of another row to the last digit (`{ids[row]}` those of `{ids[one]}`): "
-        "a copy counts as a further measurement, so that uncertainties are too small; remove copies"
-    )
+    what = f"{rows} the values of another row to the last digit (`{ids[row]}` those of `{ids[one]}`)"
+    why = "a copy counts as a further measurement, so that uncertainties are too small"
+    return f"{what}: {why}; remove copies"
 
 
 STEPS = sorted([m * 10.0**-k for k in range(7) for m in (1, 2, 5)] + [360.0 / 2**k for k in range(10, 33)])
@@ -336,11 +325,9 @@ def rounded(dataset: Dataset) -> str:
     if size < SEEN_STEP * min(stated):
         return ""
     digits = decimals_of(float(np.max(u)))  # two, and not less than u: what is advised must be enough
-    return (
-        f"readings have steps of up to {np.max(step):.4g} deg: {1e6 * size:.2g} µm at the tool, beside a "
-        f"stated noise of {1e6 * min(stated):.2g} µm; log more digits, or state "
-        f"`noise.joint_deg: {np.ceil(np.max(u) * 10.0**digits) / 10.0**digits:g}`"
-    )
+    what = f"readings have steps of up to {np.max(step):.4g} deg: {1e6 * size:.2g} µm at the tool"
+    remedy = f"state `noise.joint_deg: {np.ceil(np.max(u) * 10.0**digits) / 10.0**digits:g}`"
+    return f"{what}, beside a stated noise of {1e6 * min(stated):.2g} µm; log more digits, or {remedy}"
 
 
 FELT = 1.0

@@ -190,7 +190,7 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
             raise BayescalError(what, where, remedy)
 
 
-def nominal_length(pair: Sequence[Target], kind: str) -> float | None:
+def length_of(pair: Sequence[Target], kind: str) -> float | None:
     """Distance, m, of two targets at their nominal places, which a certificate of a kind states; or None."""
     first, second = map(_nominal, _sorted(pair))
     relations = certificate.RELATIONS[kind].get(certificate.ordered(forms_of(pair)), ())

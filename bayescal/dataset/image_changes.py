@@ -108,10 +108,8 @@ def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Tried:
         for first in (0.0, middle, 2 * middle):
             pixel = m.pixel.copy()
             pixel[rows, :2] -= time * (line - first)[:, None] * speed
-            what = (
-                f"images of `{t.name}` were exposed line by line while the arm moved (rolling shutter, about "
-                f"{1e6 * time:.0f} µs a line)"
-            )
+            what = f"images of `{t.name}` were exposed line by line while the arm moved"
+            what += f" (rolling shutter, about {1e6 * time:.0f} µs a line)"
             remedy = "take the images with the arm at rest, or with a global shutter"
             yield what, remedy, m.target == target, replace(dataset, measurements=replace(m, pixel=pixel))
 

@@ -11,16 +11,7 @@ from pydantic_core import PydanticCustomError
 from bayescal.dataset.solids import SolidEntry
 from bayescal.dataset.table import MEANINGS
 from bayescal.dataset.target_kinds import KINDS, TargetKind
-from bayescal.storage.files import (
-    Keys,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Uncertain,
-    UncertainOrKnown,
-    Vector,
-)
+from bayescal.storage.files import Keys, MaybeKnown, Name, NotNegative, Number, Positive, Uncertain, Vector
 
 SCHEMA = "bayescal-dataset/1"
 
@@ -38,9 +29,9 @@ class ToolEntry(Keys):
     """Centre of that mass in the flange frame; default: the centre of the ball."""
     rpy_deg: Vector | None = None
     """Roll, pitch, yaw of the tool frame in the flange frame: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    u_mm: UncertainOrKnown | None = None
+    u_mm: MaybeKnown | None = None
     """Standard uncertainty of each coordinate of `centre_mm`; 0: known; default 5 mm."""
-    u_rad: UncertainOrKnown | None = None
+    u_rad: MaybeKnown | None = None
     """Standard uncertainty of the orientation; 0: known; default 0.2 rad."""
 
 
@@ -60,9 +51,9 @@ class NoiseEntry(Keys):
     """Repeatability of a contact along the surface normal; required for contacts."""
     point_mm: Uncertain | None = None
     """Standard uncertainty of a coordinate read by an instrument; required for instruments."""
-    joint_deg: UncertainOrKnown = 0.0
+    joint_deg: MaybeKnown = 0.0
     """Noise of a joint reading."""
-    slide_mm: UncertainOrKnown | None = None
+    slide_mm: MaybeKnown | None = None
     """Noise of the reading of a prismatic joint."""
     pixel_px: Uncertain | None = None
     """Standard uncertainty of a coordinate of a corner in an image; default 0.2 px."""
@@ -73,9 +64,9 @@ class NoiseEntry(Keys):
 class Loose(Keys):
     """Keys of every target: how well its nominal place is known."""
 
-    u_mm: UncertainOrKnown | None = None
+    u_mm: MaybeKnown | None = None
     """Standard uncertainty of the nominal position; 0: known; default 50 mm."""
-    u_rad: UncertainOrKnown | None = None
+    u_rad: MaybeKnown | None = None
     """Standard uncertainty of the nominal direction; 0: known; default 0.2 rad."""
 
 

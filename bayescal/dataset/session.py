@@ -181,9 +181,7 @@ class PointEntry(files.Keys):
 
     mm: files.Vector
     """Certified coordinates in the frame of the certificate, mm."""
-    u_mm: (
-        files.Uncertain | tuple[files.UncertainOrKnown, files.UncertainOrKnown, files.UncertainOrKnown] | None
-    ) = None
+    u_mm: files.Uncertain | tuple[files.MaybeKnown, files.MaybeKnown, files.MaybeKnown] | None = None
     """Standard uncertainty (k = 1) of each coordinate, one for all three or one for each."""
 
 

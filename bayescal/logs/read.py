@@ -8,6 +8,7 @@ import io
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,20 +16,9 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed, refused_as
+from bayescal.logs import types
 from bayescal.logs.schema import OF_JOINTS, SCHEMA, Arm, LogFile, MotionEntry, Payload, known_keys
-from bayescal.logs.types import (
-    CALIBRATE,
-    FEWEST_ROWS,
-    VALIDATE,
-    Controller,
-    Log,
-    Mechanism,
-    Motion,
-    Uncertain,
-    mechanism_of,
-    or_nan,
-    with_bodies,
-)
+from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Mechanism, Motion
 from bayescal.robots import load_robot
 from bayescal.robots.schema import SIX
 from bayescal.storage.files import Document, check_schema, column_of, in_si, read_document, si
@@ -143,7 +133,7 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
     """The nominal mechanism, what was assumed of it, and the content of its file."""
     if isinstance(file.robot, str):
         robot, content = load_robot(file.robot, folder, inside=True)
-        mechanism, notes = mechanism_of(robot)
+        mechanism, notes = types.mechanism_of(robot)
         payload, u = file.payload or Payload(), file.u
     else:
         mechanism, notes, content = written_out(file.robot, file.name), (), b""
@@ -151,11 +141,10 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
     if np.isnan(mechanism.mass).any():
         remedy = "give a robot with `mass_kg`, `centre_of_mass_mm` and `inertia_kgm2` of each link"
         raise BayescalError("the robot states no masses", document.where(("robot",)), remedy)
-    mechanism, more = with_bodies(mechanism)
+    mechanism, more = types.with_bodies(mechanism)
     notes = (*notes, *more)
     if u is not None:
-        prior = Uncertain(u.mass, 1e-3 * u.centre_of_mass_mm, u.inertia, u.armature, u.friction_transition)
-        mechanism = replace(mechanism, u=prior)
+        mechanism = replace(mechanism, u=types.Uncertain(*starmap(in_si, u)))
     centre = in_si("centre_of_mass_mm", payload.centre_of_mass_mm)
     gyration = 1e-3 * payload.radius_of_gyration_mm
     return replace(mechanism, payload_centre=centre, payload_gyration=gyration), notes, content
@@ -172,7 +161,7 @@ def written_out(arm: Arm, name: str) -> Mechanism:
 
     columns = {field: column_of(joints, [key] * len(joints)) for key, field in OF_JOINTS.items()}
     shapes = {"limits": (len(joints), 2)}
-    values = {f: or_nan(column, *shapes.get(f, (len(joints),))) for f, column in columns.items()}
+    values = {f: types.or_nan(column, *shapes.get(f, (len(joints),))) for f, column in columns.items()}
     turned = np.flatnonzero(values["limits"][:, 0] >= values["limits"][:, 1])
     if len(turned):
         what = f"limits of {joints[turned[0]].name} are not in order"
@@ -333,8 +322,8 @@ def _motions(
     out = []
     for label, start, end in zip(order, first, [*first[1:], len(labels)], strict=True):
         rows, entry = slice(start, end), entries[label]
-        if end - start < FEWEST_ROWS:
-            what = f"motion `{label}` has {end - start} rows, at least {FEWEST_ROWS} are needed"
+        if end - start < types.FEWEST_ROWS:
+            what = f"motion `{label}` has {end - start} rows, at least {types.FEWEST_ROWS} are needed"
             raise BayescalError(what, f"{name}:{start + 2}", "remove it, or log it longer")
         back = np.flatnonzero(np.diff(columns["time"][rows]) <= 0.0)
         if len(back):

@@ -3,8 +3,6 @@
 A mechanism as the `robot` of dataset.yaml, as `bayescal.logs.schema.Arm` reads it; commands as a table.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, get_args
 

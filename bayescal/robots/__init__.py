@@ -278,8 +278,6 @@ def expanded(path: Path, allowed: bool) -> bytes:
         return content
     if code < 0:
         message = f"it was stopped after {SECONDS} s"
-    remedy = (
-        "include files by their path from this one and give arguments a default; or expand it where ROS is "
-        f"installed, {by_hand}, and name {urdf}"
-    )
+    remedy = "include files by their path from this one and give arguments a default; or expand it where ROS "
+    remedy += f"is installed, {by_hand}, and name {urdf}"
     raise BayescalError(f"xacro cannot expand it: {message[:LONGEST]}", path.name, remedy)

@@ -9,8 +9,6 @@ largest speed and torque, for files of simulators.
 A `Robot` as the text of a robot.yaml, one joint a line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
@@ -21,24 +19,13 @@ from pydantic import Field
 from bayescal.arm.chain import Coupling, Ground, Prior, Robot
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
-from bayescal.storage.files import (
-    Document,
-    Keys,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Vector,
-    column_of,
-    in_si,
-    si,
-    stem_of,
-)
+from bayescal.storage import files
+from bayescal.storage.files import Document, Keys, Name, NotNegative, Number, Positive, Vector
 from bayescal.storage.writing import Block, block_lines, flow, in_file, number, row_keys, scalar
 
 SCHEMA = "bayescal-robot/1"
 OF_JOINTS = {
-    **{stem_of(key)[0]: (key, key) for key in ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg")},
+    **{files.stem_of(key)[0]: (key, key) for key in ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg")},
     "limits": ("limits_deg", "limits_mm"),
     "velocities": ("max_velocity_degps", "max_velocity_mmps"),
     "torques": ("max_torque_nm", "max_force_n"),
@@ -200,17 +187,17 @@ def robot_from(document: Document) -> Robot:
         raise BayescalError(what, document.where(path), remedy)
     prismatic = np.array([joint.type == "prismatic" for joint in joints])
     columns = {
-        field: column_of(joints, np.where(prismatic, *keys[::-1])) for field, keys in OF_JOINTS.items()
+        field: files.column_of(joints, np.where(prismatic, *keys[::-1])) for field, keys in OF_JOINTS.items()
     }
-    columns |= {field: column_of(links, [key] * len(links)) for field, key in OF_LINKS.items()}
+    columns |= {field: files.column_of(links, [key] * len(links)) for field, key in OF_LINKS.items()}
     if (six := columns["inertias"]) is not None:
         columns["inertias"] = None if np.isnan(six).any() else six[:, SIX]
     coupling = np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading)
     if prismatic.any():
-        unit = np.where(prismatic, si("_mm"), si("_deg"))
+        unit = np.where(prismatic, files.si("_mm"), files.si("_deg"))
         coupling = coupling * unit[:, None] / unit
     endless = np.array([joint.continuous for joint in joints])
-    turning = in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm)
+    turning = files.in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm)
     if (along := columns["compliance"]) is not None:
         turning = np.where(np.isnan(along), 0.0 if turning is None else turning, along)
     return Robot(
@@ -223,7 +210,7 @@ def robot_from(document: Document) -> Robot:
         base=_frame(file.base),
         flange=_frame(file.flange),
         ground=None if file.ground is None else _ground(file.ground, joints),
-        reductions=in_si("reductions", file.reductions),
+        reductions=files.in_si("reductions", file.reductions),
         coupling=file.coupling,
         priors=tuple(map(_prior, file.priors)),
         **columns | {"compliance": turning},
@@ -237,18 +224,18 @@ def _given(entry: PriorEntry) -> list[str]:
 
 def _prior(entry: PriorEntry) -> Prior:
     (unit,) = _given(entry)
-    mean, sd = (in_si(f"{key}_{unit}", getattr(entry, f"{key}_{unit}")) for key in ("deviation", "sd"))
+    mean, sd = (files.in_si(f"{key}_{unit}", getattr(entry, f"{key}_{unit}")) for key in ("deviation", "sd"))
     return Prior(entry.name, PRIOR_UNITS[unit], mean, sd)
 
 
 def _ground(entry: GroundEntry, joints: list[Joint]) -> Ground:
     link = 1 + [joint.name for joint in joints].index(entry.behind)
-    centre = in_si("centre_of_mass_mm", entry.centre_of_mass_mm)
+    centre = files.in_si("centre_of_mass_mm", entry.centre_of_mass_mm)
     return Ground(link, _frame(entry), entry.mass_kg, centre)
 
 
 def _frame(place: Place) -> np.ndarray:
-    return rigid(rpy_matrix(in_si("rpy_deg", place.rpy_deg)), in_si("xyz_mm", place.xyz_mm))
+    return rigid(rpy_matrix(files.in_si("rpy_deg", place.rpy_deg)), files.in_si("xyz_mm", place.xyz_mm))
 
 
 def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
@@ -360,7 +347,7 @@ def _prior_keys(prior: Prior) -> Iterator[tuple[str, str]]:
     unit = next(u for u, of in PRIOR_UNITS.items() if of == prior.unit)
     yield "name", scalar(prior.name)
     for key, value in (("deviation", prior.deviation), ("sd", prior.sd)):
-        yield f"{key}_{unit}", number(value / si(f"{key}_{unit}"), PRIOR_DIGITS)
+        yield f"{key}_{unit}", number(value / files.si(f"{key}_{unit}"), PRIOR_DIGITS)
 
 
 def _ground_keys(ground: Ground, joints: tuple[str, ...]) -> Iterator[tuple[str, str]]:

@@ -7,8 +7,6 @@ lerobot 0.4.4, ``_normalize`` of ``motors_bus.py``, ``_get_half_turn_homings`` o
 A turn has 4096 steps: LeRobot's degrees are too large by 1 part in 4095.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -29,9 +27,7 @@ KEYS = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
 GRIPPER = re.compile("gripper|finger|jaw|knuckle", re.IGNORECASE)
 """Names of joints that are not of the arm."""
 LARGEST = 2**31
-REMEDY = (
-    "give the calibration that LeRobot wrote: {joint: {id, drive_mode, homing_offset, range_min, range_max}}"
-)
+REMEDY = f"give the calibration that LeRobot wrote: {{joint: {{{', '.join(KEYS)}}}}}"
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,6 @@ is seen from there (`Tree.seen_from`), and the last link on the way to the root 
 XML that comes from elsewhere: read from this disk alone, without entities.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

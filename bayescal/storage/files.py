@@ -38,7 +38,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 SMALLEST = 1e-9
 """Of a standard uncertainty that is not zero, in the unit of its key: less than any instrument has."""
 Uncertain = Annotated[Positive, AfterValidator(lambda value: _not_tiny(value))]
-UncertainOrKnown = Annotated[NotNegative, AfterValidator(lambda value: _not_tiny(value))]
+MaybeKnown = Annotated[NotNegative, AfterValidator(lambda value: _not_tiny(value))]
 Vector = tuple[Number, Number, Number]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FILL_IN = "!FILL_IN"
@@ -284,9 +284,8 @@ def check_schema(document: Document, schema: str) -> None:
     if not isinstance(given, str):
         raise BayescalError("missing key `schema`", document.where(()), f"add `schema: {schema}`")
     if of := OF_SCHEMAS.get(given.partition("/")[0] if not given.startswith(family) else ""):
-        raise BayescalError(
-            f"schema `{given}` is that of {of}", document.where(("schema",)), f"expected is `{schema}`"
-        )
+        what = f"schema `{given}` is that of {of}"
+        raise BayescalError(what, document.where(("schema",)), f"expected is `{schema}`")
     what = f"schema `{given}` is " + ("of another version" if given.startswith(family) else "not known here")
     raise BayescalError(what, document.where(("schema",)), f"this version reads `{schema}`")
 

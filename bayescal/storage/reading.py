@@ -214,32 +214,8 @@ def _finite(text: str) -> float:
 
 Where = tuple[str | int, ...]
 
-_ERRORS: dict[str, tuple[str, str]] = {
-    "missing": ("missing {key}", "add it"),
-    "float_parsing": ("{key} is not a number: {value!r}", "write a plain number"),
-    "float_type": ("{key} is not a number", "write a plain number"),
-    "finite_number": ("{key} is {value}, not a finite number", "write a number"),
-    "greater_than": ("{key} is {value}", "must be more than {gt:g}"),
-    "greater_than_equal": ("{key} is {value}", "must be at least {ge:g}"),
-    "less_than_equal": ("{key} is {value}", "must be at most {le:g}"),
-    "literal_error": ("{key} is {value!r}", "must be {expected}"),
-    "union_tag_invalid": ("unknown kind {tag!r} of {key}", "must be one of {expected_tags}"),
-    "union_tag_not_found": ("{key} has no `kind`", "add `kind: ...`"),
-    "too_long": ("{key} has {actual_length} entries", "must have {max_length}"),
-    "too_short": ("{key} has {actual_length} entries", "must have at least {min_length}"),
-    "too_tiny": ("{key} is {value}", "no uncertainty is less than {least:g}"),
-    "not_a_board": ("{key} is {value!r}, not a board", "{remedy}"),
-    "not_a_date": ("{key} is {value!r}, not a date", "write it as YYYY-MM-DD"),
-    "string_too_long": ("{key} has {length} characters", "must have at most {max_length}"),
-    "string_too_short": ("{key} is empty", "write a name"),
-    "string_type": ("{key} is not a text", "write one line of text"),
-    **dict.fromkeys(("tuple_type", "list_type"), ("{key} is not a list", "write it as [.., .., ..]")),
-    **dict.fromkeys(
-        ("model_type", "model_attributes_type", "dict_type"),
-        ("{key} must hold keys and values", "write {{key: value, ...}}"),
-    ),
-}
-"""What is wrong and its remedy, by the type of the error; in braces its value, and pydantic's own context."""
+_ERRORS = table_beside(__file__, "refusals.toml")
+"""What is wrong and its remedy, by the type of the error."""
 
 
 def explained(error: ErrorDetails) -> tuple[Where, str, str]:
