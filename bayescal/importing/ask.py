@@ -13,6 +13,7 @@ from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import SETTINGS, expanded_robot, no_rows, read_settings
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import DECIMALS, Columns, columns_of
+from bayescal.importing.joint_formats import FORMATS
 from bayescal.importing.log import Log, header_of
 from bayescal.importing.mapping import Column, Map
 from bayescal.importing.onto import files_of
@@ -22,19 +23,8 @@ from bayescal.importing.units import UNITS, is_number, quantity, stated_rotation
 from bayescal.robots import full_name, load_robot
 from bayescal.robots.servos import Servo, of_joints, read_calibration
 
-LISTED = "id=id, j*=J* deg"
-"""The map of the joint positions that `read_listing` returns."""
-
-FORMATS = {
-    "csv": "",
-    "robodk": "",
-    "ur-rtde": "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
-    **dict.fromkeys(("probing", "fanuc-ls", "fanuc-va", "kuka-dat", "abb-mod"), LISTED),
-}
-"""The map of the columns of each format; a table has none of its own, and that of RoboDK is `robodk`.
-
-Joint velocities of a record are not read: at rest their signs are noise, not a direction.
-"""
+MAPS = FORMATS["maps"]
+"""The map of the columns of each format."""
 
 UNSEEN = 1e-6
 """m: RoboDK writes zeros for a point that was not measured; its own scripts require more than 1 µm."""
@@ -112,7 +102,7 @@ UPRIGHT = np.array([0.0, 0.0, -9.81])
 MOTION_FORMATS = ("rosbag", "lerobot", "sage")
 """Formats of joint logs alone; csv and ur-rtde are joint logs where `--motions` is given, or of a folder."""
 
-CHOICES = {"format": (*FORMATS, *MOTION_FORMATS), "readings": ("encoder", "command"), "decimal": DECIMALS}
+CHOICES = {"format": (*MAPS, *MOTION_FORMATS), "readings": ("encoder", "command"), "decimal": DECIMALS}
 """Options with a fixed set of values."""
 
 

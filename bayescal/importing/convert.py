@@ -25,7 +25,7 @@ from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded, with_points
 from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_records
 from bayescal.importing.roles import SINGLE, measurements, readings, role_note, with_roles
-from bayescal.importing.units import UNITS, is_unit, meant
+from bayescal.importing.units import SPELLED, UNITS, meant
 from bayescal.robots import only_revolute
 from bayescal.statistics import grouped
 
@@ -274,7 +274,7 @@ def _columns(request: Request, robot: Robot) -> Read:
         log = read_log(request.log, headed=True)
         columns = columns_of(log, mapping.own_map(log.header, robot.units, log.name), request.decimal)
     else:
-        map_: Map = mapping.read_map(ask.FORMATS[request.format], robot.units, formal=True)
+        map_: Map = mapping.read_map(ask.MAPS[request.format], robot.units, formal=True)
         map_ = {**map_, **mapping.read_map(request.map, robot.units)}
         map_ = mapping.calibrated(map_, servos) if servos else map_
         if request.format == "probing":
@@ -301,7 +301,7 @@ def _columns(request: Request, robot: Robot) -> Read:
 
 def _points(request: Request, path: Path, said: str, robot: Robot) -> Columns:
     """A file beside the log; its map may be the unit of its points alone."""
-    if is_unit(said.strip()):
+    if said.strip() in SPELLED:
         log = read_log(path)
         return columns_of(log, ask.points_map(log, said.strip()), request.decimal)
     return _mapped(path, mapping.read_map(said, robot.units), request.decimal)

@@ -17,7 +17,7 @@ from bayescal.errors import BayescalError, listed, refused_as
 from bayescal.exporting.written import mujoco
 from bayescal.importing.ask import MOTION_FORMATS, Request
 from bayescal.importing.joint_bags import is_bag, read_bag
-from bayescal.importing.joint_formats import AIDS, DEG, SINGLE, Record, of_logs
+from bayescal.importing.joint_formats import AIDS, DEG, FORMATS, SINGLE, Record, of_logs
 from bayescal.importing.joint_rows import Rows, divided, repeats, roles
 from bayescal.importing.joint_tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
 from bayescal.importing.joint_torques import contradiction, one_torque
@@ -153,14 +153,6 @@ TABLES = ("csv", "parquet")
 DECIMALS = 7
 """Of a value in motion.csv: two nanoradians, a tenth of a microsecond."""
 COMMON = ("robot", "format", "name", "validate", "allow_xacro", "motions", "torque", "table")
-APPLY = {
-    "rosbag": ("joints", "topic"),
-    "lerobot": ("joints", "map", "calibration"),
-    "sage": ("joints",),
-    "csv": ("map", "decimal", "calibration", "joints"),
-    "ur-rtde": ("map", "decimal"),
-}
-"""Options of each format, beside `COMMON`."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +232,7 @@ def convert_motions(request: Request) -> MotionDraft:
         For options of contacts, files that cannot be read, and where required information is missing.
     """
     format_ = format_of(request)
-    request.refuse_other((*COMMON, *APPLY[format_]), f"joint logs ({format_})")
+    request.refuse_other((*COMMON, *FORMATS["options"][format_]), f"joint logs ({format_})")
     if request.table not in TABLES:
         raise BayescalError(f"`{request.table}` is not known", "--table", f"must be {' or '.join(TABLES)}")
     if not request.robot:

@@ -22,14 +22,15 @@ DEG = 180 / math.pi
 
 SINGLE = {"temperature": "temperature_degC", "payload": "payload_kg"}
 """Columns of motion.csv beside those of joints."""
-LARGEST = {"position": 1e3, "velocity": 1e3, "command": 1e3, "link": 1e3, "torque": 1e5, "magnitude": 1e5}
-LARGEST |= {"current": 1e4, "target_torque": 1e5, "target_current": 1e4, "temperatures": 500.0}
-LARGEST |= {"temperature": 500.0, "payload": 1e5}
-"""Larger values (SI) are corrupt (assumed: 160 turns, 160 turns/s)."""
-MEASURED = ("velocity", "command", "torque", "current", "target_torque", "target_current")
-"""Where all of them are zero, a driver does not measure them."""
-AIDS = ("target_torque", "target_current", "temperatures")
-"""Of each joint, read for constants and temperatures, not written."""
+QUANTITIES = table_beside(__file__, "quantities.toml")
+"""What the columns of a log may hold."""
+LARGEST = {name: of["largest"] for name, of in QUANTITIES["joints"].items()}
+LARGEST |= {"magnitude": 1e5, "temperature": 500.0, "payload": 1e5}
+"""Larger values (SI) are corrupt."""
+MEASURED, AIDS = (
+    tuple(name for name, of in QUANTITIES["joints"].items() if flag in of) for flag in ("measured", "aid")
+)
+"""Where all of them are zero, a driver does not measure them; those read for constants, and not written."""
 TEXTS = ("motion", "role", "kind")
 OTHERS = (*SINGLE, *TEXTS)
 """What a row may have beside the joints: texts, and all of it."""

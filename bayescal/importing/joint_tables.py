@@ -13,7 +13,7 @@ from bayescal.importing.joint_formats import LEROBOT, OTHERS, SAGE, UR_RTDE, Rec
 from bayescal.importing.joint_torques import NORMALISED, misread
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import OF_JOINTS, Map, calibrated, read_map
-from bayescal.importing.units import is_number, is_unit, unit_of
+from bayescal.importing.units import SPELLED, is_number, unit_of
 from bayescal.robots.servos import Servo, angles
 from bayescal.storage.reading import read_json
 
@@ -87,7 +87,7 @@ def read_lerobot(
     BayescalError
         Without pyarrow or the unit, and for files or columns that are not there.
     """
-    if unit != NORMALISED and not is_unit(unit):
+    if unit != NORMALISED and unit not in SPELLED:
         what = f"the unit of {LEROBOT['position']} is not stated"
         remedy = f"write `--map deg`, `rad`, `steps` or `{NORMALISED}` (-100 to 100)"
         raise BayescalError(what, path.name, remedy)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, name_and_unit
+from bayescal.importing.units import SPELLED, Unit, is_number, name_and_unit
 from bayescal.storage.reading import content_of, library
 
 SUFFIXES = (".xlsx", ".xlsm")
@@ -358,7 +358,7 @@ def _are_units(row: Iterable[str]) -> bool:
 
 
 def _unit(cell: str) -> Unit | None:
-    return UNITS.get(ALIASES.get(name := cell.strip("[]()<> "), name))
+    return SPELLED.get(cell.strip("[]()<> "))
 
 
 def _is_footer(row: Sequence[str], width: int) -> bool:

@@ -9,10 +9,14 @@ from pathlib import Path
 
 from bayescal.dataset.table import CLEARANCE, known_columns
 from bayescal.errors import BayescalError
-from bayescal.importing.units import ALIASES, CONVENTIONS, UNITS, Unit, is_unit, listed, unit_of
+from bayescal.importing.joint_formats import QUANTITIES
+from bayescal.importing.units import CONVENTIONS, SPELLED, UNITS, Unit, listed, unit_of
 from bayescal.robots.servos import STEP, Servo
 from bayescal.storage.files import read_document, stem_of, unknown
 
+DIMENSIONS, SLIDING, OF_UNIT, DATES = (
+    QUANTITIES[key] for key in ("dimensions", "sliding", "of_unit", "dates")
+)
 DAY = 86400.0
 """s."""
 
@@ -21,13 +25,6 @@ LONG = 1e8
 
 CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d+))?)?\s*([AaPp][Mm])?")
 ZONE = r"\s*(?:Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)"
-DATES = {
-    "iso": (r"(\d{4})-(\d{1,2})-(\d{1,2})", (1, 2, 3)),
-    "ymd": (r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})", (1, 2, 3)),
-    "dmy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (3, 2, 1)),
-    "mdy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (3, 1, 2)),
-}
-"""Patterns of dates, and the groups of year, month and day in them."""
 
 
 Stamp = Callable[[str, float], tuple[float, str]]
@@ -111,31 +108,11 @@ STAMPS: dict[str, Stamp] = {
 COUNTED = tuple(kind for kind in STAMPS if kind.startswith(("epoch", "counter")))
 """Those that are numbers."""
 
-DIMENSIONS = {
-    **dict.fromkeys(("x", "y", "z", "length", "u"), "length"),
-    **dict.fromkeys(("rx", "ry", "rz"), "angle"),
-    "time": "time",
-    "temperature": "temperature",
-    "payload": "mass",
-}
-"""What each quantity measures."""
-
-OF_JOINTS = {
-    "": ("angle", "position"), "_velocity": ("rate", "velocity"), "_command": ("angle", "command"),
-    "_link": ("angle", "link"), "_torque": ("torque", "torque"), "_current": ("current", "current"),
-    "_target_torque": ("torque", "target_torque"), "_target_current": ("current", "target_current"),
-    "_temperature": ("temperature", "temperatures"),
-}  # fmt: skip
+OF_JOINTS = {of["key"]: (of["dimension"], name) for name, of in QUANTITIES["joints"].items()}
 """Of a joint, ``j1``, ``j1_velocity`` and so on: what is measured, and its name in joint logs."""
 
-OF_CONTACTS = ("", "_velocity", "_command", "_torque")
+OF_CONTACTS = tuple(of["key"] for of in QUANTITIES["joints"].values() if "contacts" in of)
 """Those that logs of contacts have too."""
-
-SLIDING = {"angle": "length", "rate": "speed", "torque": "force"}
-"""What is measured of a prismatic joint in place of these."""
-
-OF_UNIT = {**dict.fromkeys(("degps", "radps", "mmps"), "_velocity"), "nm": "_torque", "n": "_torque"}
-"""Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
 
 PER_CENT = ("%", "pct", "percent", "permille")
 """Units of torques relative to the rated ones, which differ by joint."""
@@ -275,11 +252,10 @@ def quantity_of(key: str, units: Sequence[str], where: str) -> tuple[str, Unit |
     if key in TEXTS or key == ROTATION:
         return key, None
     stem, suffix = stem_of(key)
-    name = ALIASES.get(suffix, suffix)
-    name = name if name in UNITS else name.upper()
-    if suffix and name in UNITS and key not in DIMENSIONS:
+    unit = SPELLED.get(suffix) or SPELLED.get(suffix.upper())
+    if unit and key not in DIMENSIONS:
         quantity = stem + (OF_UNIT.get(suffix, "") if re.fullmatch(r"j\d+", stem) else "")
-        return quantity, unit_of(name, dimension_of(quantity, units, where), where)
+        return quantity, unit_of(unit.name, dimension_of(quantity, units, where), where)
     dimension_of(key, units, where)
     return key, None
 
@@ -358,7 +334,7 @@ def _column(key: str, entry: Column, units: Sequence[str]) -> Column:
         return replace(entry, name=name, unit=UNITS["s"], stamp=last)
     if name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*%]{1,8}", last):
         return entry
-    if not is_unit(last):
+    if last not in SPELLED:
         remedy = f"give one of {listed(dimension)}; a name with spaces is enclosed in braces: {{{said}}}"
         if dimension == "torque" and last.lower() in PER_CENT:
             each = f"{key}={{{name}}} * 1.5 Nm"
@@ -371,7 +347,7 @@ def _rotation(entry: Column) -> Column:
     """An orientation: columns, the convention and, of angles, the unit."""
     said, where = entry.name, entry.where
     words = said.split()
-    unit = unit_of(words.pop(), "angle", where) if words and is_unit(words[-1]) else None
+    unit = unit_of(words.pop(), "angle", where) if words and words[-1] in SPELLED else None
     turn = words.pop() if words else ""
     if turn not in CONVENTIONS or not words:
         remedy = f"write `rotation=q1 q2 q3 q4 wxyz` or `A B C abc deg`; known are {', '.join(CONVENTIONS)}"

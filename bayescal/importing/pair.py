@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.dataset import Target
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, first
+from bayescal.importing.joint_formats import QUANTITIES
 from bayescal.importing.units import quantity
 from bayescal.statistics import grouped
 
@@ -109,13 +110,7 @@ def with_points(columns: Columns, targets: Sequence[Target]) -> tuple[Columns, t
 STILL = np.radians(0.01)
 """rad, m: readings that change by more than this within the tolerance of time: the arm was moving."""
 
-CLOCKS = {
-    "": "seconds of a session",
-    "UTC": "time since 1970",
-    "local": "local time",
-    "day": "time of day",
-    "counter": "seconds of a counter",
-}
+CLOCKS = QUANTITIES["clocks"]
 
 
 def pair(rule: str, log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:

@@ -33,40 +33,20 @@ class Unit:
     offset: float = 0.0
 
 
-def _units(dimension: str, **scale: float) -> dict[str, Unit]:
-    return {name: Unit(name, dimension, value) for name, value in scale.items()}
-
-
-_DEG = math.pi / 180
-
-UNITS: dict[str, Unit] = {
-    **_units("length", mm=1e-3, m=1.0, cm=1e-2, um=1e-6, **{"in": 0.0254}),
-    **_units("angle", deg=_DEG, rad=1.0, mrad=1e-3),
-    "steps": Unit("steps", "angle", STEP, -STEP * STEPS / 2),
-    **_units("rate", degps=_DEG, radps=1.0, rpm=6 * _DEG),
-    **_units("speed", mmps=1e-3, mps=1.0),
-    **_units("force", N=1.0),
-    **_units("torque", Nm=1.0, mNm=1e-3, Ncm=1e-2),
-    **_units("current", A=1.0, mA=1e-3),
-    **_units("mass", kg=1.0, g=1e-3, lb=0.45359237),
-    **_units("time", s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0),
-    "C": Unit("C", "temperature", 1.0),
-    "K": Unit("K", "temperature", 1.0, -273.15),
-    "F": Unit("F", "temperature", 5 / 9, -160 / 9),
-}
+_STATED = [
+    (Unit(name, dimension, stated["scale"], stated.get("offset", 0.0)), stated.get("also", ()))
+    for dimension, units in table_beside(__file__, "units.toml").items()
+    for name, stated in units.items()
+]
+UNITS = {unit.name: unit for unit, _ in _STATED} | {"steps": Unit("steps", "angle", STEP, -STEP * STEPS / 2)}
 """By name; the dataset holds degrees Celsius. Steps of a servo are 4096 a turn, zero at half a turn."""
-
-ALIASES: dict[str, str] = {
-    spelling: name
-    for name, spellings in table_beside(__file__, "units.toml")["spellings"].items()
-    for spelling in spellings
-}
-"""Other spellings. ``nm`` is a torque, as in the dataset: nanometres do not occur in logs."""
+SPELLED = UNITS | {spelling: unit for unit, also in _STATED for spelling in also}
+"""By name and by other spellings."""
 
 
 def unit_of(name: str, dimension: str, where: str) -> Unit:
     """The unit called `name`; refused, with those that would do, unless it measures `dimension`."""
-    unit = UNITS.get(ALIASES.get(name, name))
+    unit = SPELLED.get(name)
     if unit is not None and unit.dimension == dimension:
         return unit
     what = f"`{name}` is a unit of {unit.dimension}, not of {dimension}" if unit else f"unknown unit `{name}`"
@@ -77,12 +57,7 @@ def name_and_unit(cell: str) -> tuple[str, Unit | None]:
     """Name and stated unit, or None, of a cell of a header such as ``X [mm]``, ``A1 (deg)``, ``T / °C``."""
     parts = re.fullmatch(r"(.+?)\s*(?:\[(.+)\]|\((.+)\)|<(.+)>|\s/\s*(.+))", cell)
     name = next((part for part in parts.groups()[1:] if part), "").strip() if parts else ""
-    return (parts[1], UNITS[ALIASES.get(name, name)]) if parts and is_unit(name) else (cell, None)
-
-
-def is_unit(name: str) -> bool:
-    """Whether a word is the name of a unit."""
-    return ALIASES.get(name, name) in UNITS
+    return (parts[1], SPELLED[name]) if parts and name in SPELLED else (cell, None)
 
 
 def listed(dimension: str) -> str:
@@ -316,7 +291,7 @@ def stated_rotation(text: str, where: str) -> np.ndarray:
         For a convention that is not known, another count of numbers, and what is no rotation.
     """
     words = text.replace(",", " ").split()
-    unit = unit_of(words.pop(), "angle", where) if words and is_unit(words[-1]) else None
+    unit = unit_of(words.pop(), "angle", where) if words and words[-1] in SPELLED else None
     name = words.pop() if words else ""
     convention = CONVENTIONS.get(name)
     if convention is None or len(words) != convention.count or convention.angles == (unit is None):
