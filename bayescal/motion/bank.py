@@ -4,8 +4,6 @@ A response of a joint, or what an error of the base or of the tool does in all j
 quantity of the log.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -60,10 +58,8 @@ class Bank:
 
     def motions(self) -> Iterator[tuple[Part, Kept, tuple[Argument, ...]]]:
         """Every motion, with the signals and quantities that errors may depend on."""
-        if sum(len(p.signals.time) for p in self.table.parts) > SIGNALS.long:
-            yield from self._computed()
-        else:
-            yield from self._stored
+        long = sum(len(p.signals.time) for p in self.table.parts) > SIGNALS.long
+        return self._computed() if long else iter(self._stored)
 
     def _computed(self) -> Iterator[tuple[Part, Kept, tuple[Argument, ...]]]:
         for part, s in zip(self.table.parts, each([p.signals for p in self.table.parts]), strict=True):

@@ -6,8 +6,6 @@ predicts, times a function of any other quantity of the log. As for contacts (`b
 the quantity; a *replaced* one is the prediction times a positive function, without the name.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

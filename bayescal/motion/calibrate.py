@@ -7,8 +7,6 @@ and friction are not negative. The normal posterior is sampled within this set (
 draw, and their mean, is an arm that could be built.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -28,6 +28,7 @@ from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import root_mean_square as rms
 from bayescal.motion.signals import where_moving
 from bayescal.motion.terms import DELAY
+from bayescal.storage.reading import table_beside
 from bayescal.storage.stopping import Progress, silent
 
 
@@ -119,37 +120,8 @@ class MotionGap:
     tracking: Mapping[str, Tracking] | str = ""  # of arms nominal, model, effects; or why there is none
 
 
-PAUSE = "log one motion after a pause of a minute, and again at once after other motions"
-WARM = "log one motion cold, and again after 20 minutes of motion"
-SMALL = "move {who} alone, slowly, with reversals of 0.1, 1 and 10 deg, and from rest"
-TO_DO = (
-    ("waves a turn", "move {who} alone, slowly, over its whole range in both directions, twice"),
-    ("base", "watch a dial gauge at the mounting while the arm moves slowly, and then fast"),
-    ("oscillation", "log one motion at half and at full speed, and look for what swings, as a stand"),
-    ("since the reversal", SMALL),
-    ("since the start", SMALL),
-    ("time since the motion began", PAUSE),
-    ("time within a motion", PAUSE),
-    ("single events", "log one motion three times: events of the arm come back at one place"),
-    ("rate of torque times", "log torque and position of one message, or with stamps of one clock"),
-    ("force on the tool", "log one motion with the cables and hoses of the tool, and again without them"),
-    ("earlier torque", "hold {who} for 10 s in poses of low and high torque, and move it slowly from each"),
-    ("change of torque", "move {who} alone, to and fro about poses of low and of high torque"),
-    ("side of the torque", "move {who} alone through poses in which its torque changes sign"),
-    ("temperature|heat", WARM),
-    ("power", "log one motion at half and at full speed, with and without a payload"),
-    ("payload", "log one motion with and without the payload, in turn"),
-    ("time", "log one motion at the beginning, in the middle and at the end of a log"),
-    ("motion", "log one motion three times, each time after another motion"),
-    ("acceleration", "log one motion of {who} at half and at full speed"),
-    ("speed", "move {who} alone at three speeds, in both directions"),
-    ("angle of joint", "move {who} alone, with {other} at three angles"),
-    ("angle", "move {who} alone, slowly, over its whole range in both directions"),
-    ("torque", "log one motion of {who} from other poses, in which gravity loads it more and less"),
-    (".*", "move {who} alone at constant speed, in both directions"),
-)
-"""Words in the name of a quantity, a regular expression, and what a person does; the first counts. `who` is
-the joint of the error, `other` another one whose angle it depends on."""
+TO_DO = tuple(table_beside(__file__, "to_do.toml").items())
+"""Words in the name of a quantity, a regular expression, and what to log; the first counts."""
 
 
 def to_do(form: Form) -> str:

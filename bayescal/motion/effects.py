@@ -4,8 +4,6 @@ An effect is a function behind `effect`. It yields its forms: a `Form` for each 
 columns. An effect is named by the best of its forms, averaged over all of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product, starmap
@@ -16,34 +14,18 @@ import numpy as np
 from bayescal.errors import listed
 from bayescal.logs import Log
 from bayescal.logs.types import LINK, SERVO, TRACKING, inertial
+from bayescal.motion import terms
 from bayescal.motion.dynamics import carried, payload_of
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
-from bayescal.motion.terms import (
-    ALL,
-    BODY,
-    UNITS,
-    Operating,
-    Term,
-    channel,
-    prior_of_body,
-    size_of_body,
-    slopes_of,
-)
+from bayescal.motion.terms import ALL, BODY, UNITS, Operating, Term, channel
+from bayescal.storage.reading import table_beside
 
 TOOL, BASE, LOG = "tool", "base", "log"
 EACH = "in all joints"
 """Setting of a form that is in all joints."""
-OF_THE_ARM = (
-    *("payload", "payload-offset", "armature", "stribeck", "load-friction", "asymmetric-friction"),
-    *("viscous-temperature", "base-tilt", "inertia"),
-)
-"""Effects that are torques of the arm; others are errors of their measurement, or do not move an arm much."""
-NO_TORQUE = "no torques are logged"
 BY_HAND = "log second encoders, or hold the servo and move the link by hand: the reading does not see the gap"
 UNSEEN = "motor torques do not show it below the bandwidth of the drives: log second encoders"
-SIMULATE, INSPECT = "Simulate the arm with it.", "Simulate the arm with it, or inspect the gear."
-"""Remedies of what is no fault of a part."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +45,8 @@ class Form:
     def term(self, unit: str, sd: float, channel: int = ALL, part: str = "", most: float = np.inf) -> Term:
         """A term of this form."""
         name = " ".join(x for x in (self.effect, self.site, self.driver, self.setting, part) if x)
-        return Term(name, unit, sd, channel, self.effect in OF_THE_ARM, most)
+        moves = self.effect in EFFECTS and EFFECTS[self.effect].moves
+        return Term(name, unit, sd, channel, moves, most)
 
 
 FormColumn = tuple[Form, Term, np.ndarray]
@@ -103,6 +86,7 @@ class Effect:
     title: str  # in reports
     remedy: str  # what to do about it
     needs: Callable[[Log], str] = field(default=lambda log: "")  # why it is not assessed; "" where it is
+    moves: bool = False  # whether it is a torque of the arm; others are errors of its measurement
     positive: bool = False
     of_servo: str = ""  # why it is not assessed by the errors of servos alone
     at_speed: bool = False  # whether the torque of one unit is `at_speed`
@@ -117,11 +101,15 @@ EFFECTS: dict[str, Effect] = {}
 """The list, by name."""
 
 
-def effect(name: str, title: str, remedy: str, **further: Any) -> Callable[[Forms], Forms]:
-    """Put forms into the list of effects; `further` are fields of `Effect`."""
+DECLARED = table_beside(__file__, "effects.toml")
+"""Further fields of each effect."""
+
+
+def effect(name: str, **further: Any) -> Callable[[Forms], Forms]:
+    """Put forms into the list of effects; `further` are fields of `Effect` beside those declared."""
 
     def listed(forms: Forms) -> Forms:
-        EFFECTS[name] = Effect(name, forms, title, remedy, **further)
+        EFFECTS[name] = Effect(name, forms, **DECLARED[name], **further)
         return forms
 
     return listed
@@ -158,17 +146,14 @@ def joint(j: int) -> str:
     return f"joint {j + 1}"
 
 
-@effect("payload", "error of the payload's mass", "Weigh it, or state what was found.", needs=_no_loads)
+@effect("payload", needs=_no_loads)
 def _payload(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form, on = Form("payload", TOOL, "mass"), (s.payload > 0.0)[:, None]
     column = (s.rigid[:, :, -1] @ payload_of(s.log.mechanism)) * on
     yield form, form.term("kg", FORMS.payload * scale.loaded), column
 
 
-@effect(
-    "payload-offset", "error of the payload's centre of mass",
-    "Measure where it is, or state what was found.", needs=_no_loads,
-)  # fmt: skip
+@effect("payload-offset", needs=_no_loads)
 def _payload_offset(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form, m = Form("payload-offset", TOOL, "centre of mass"), s.log.mechanism
     none = np.zeros((3, 3))
@@ -191,16 +176,13 @@ def _of_joints(effect: str, *of: Kind, first: int = 0) -> Iterator[FormColumn]:
             yield form, form.term(unit, size, first + j), columns[:, j]
 
 
-@effect(
-    "armature", "error of the rotor's inertia", "Use what was found.", positive=True,
-    of_servo="it is alike to a lag of the command, or a filter of it",
-)  # fmt: skip
+@effect("armature")
 def _armature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     sd = FORMS.armature * np.maximum(model.armature, scale.torque / FORMS.acceleration)
     return _of_joints("armature", ("acceleration", "", "kg m2", sd, s.ddq))
 
 
-@effect("stribeck", "friction that rises at low speed", SIMULATE, positive=True)
+@effect("stribeck")
 def _stribeck(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     way, speeds, sd = model.reversal(s), np.abs(s.dq), FORMS.stribeck * scale.friction
 
@@ -211,7 +193,7 @@ def _stribeck(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn
     return _of_joints("stribeck", *starmap(kind, product(FORMS.stribeck_speeds, FORMS.stribeck_powers)))
 
 
-@effect("load-friction", "friction that grows with load", SIMULATE, positive=True)
+@effect("load-friction")
 def _load_friction(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     way, load, driver = model.reversal(s), model.load(s), "torque times direction"
     plain = (driver, "", "1", FORMS.load_friction, way * np.abs(load))
@@ -229,14 +211,14 @@ def at_speed(setting: str, speed: np.ndarray) -> np.ndarray:
     return fast / (1.0 + fast / FORMS.saturation) if setting.startswith(SATURATES) else fast
 
 
-@effect("asymmetric-friction", "viscous friction that differs by direction", SIMULATE, at_speed=True)
+@effect("asymmetric-friction")
 def _asymmetric(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     sd = FORMS.asymmetric * np.maximum(model.viscous, 0.5 * scale.friction)
     of = [("abs speed", x, "N m s/rad", sd, at_speed(x, s.dq)) for x in ("", SATURATES)]
     return _of_joints("asymmetric-friction", *of)
 
 
-@effect("ripple", "torque that ripples with the motor angle", INSPECT)
+@effect("ripple")
 def _ripple(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     for j, waves in scale.waves.steady:
         for harmonics in FORMS.harmonics:
@@ -248,9 +230,7 @@ def _ripple(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
                     yield form, term, function(h * waves * s.q[:, j])
 
 
-@effect(
-    "torque-constant", "error of the torque constant", "Use the ratio that was found.", of_servo=NO_TORQUE
-)
+@effect("torque-constant")
 def _torque_constant(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = model.torque(s)
     large = torque * np.abs(torque) / scale.torque
@@ -258,7 +238,7 @@ def _torque_constant(s: Signals, model: Operating, scale: Scale) -> Iterator[For
     return _of_joints("torque-constant", ("torque", "", "1", FORMS.constant, torque), falling)
 
 
-@effect("torque-drift", "torque that drifts with temperature", "Warm up before a log.", of_servo=NO_TORQUE)
+@effect("torque-drift")
 def _torque_drift(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = model.torque(s)
     for w in warming(s):
@@ -269,7 +249,7 @@ def _torque_drift(s: Signals, model: Operating, scale: Scale) -> Iterator[FormCo
         yield from _of_joints("torque-drift", plain, scaled)
 
 
-@effect("viscous-temperature", "viscous friction that falls as the arm warms", "Warm up before a log.")
+@effect("viscous-temperature")
 def _viscous_temperature(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     size = FORMS.viscous_temperature * np.maximum(np.abs(model.viscous), 0.5 * scale.friction)
     for w in warming(s):
@@ -299,11 +279,7 @@ def warming(s: Signals) -> Iterator[Warming]:
         yield Warming("time", f"{constant:.0f} s", -np.expm1(-s.time / constant), 1.0, "")
 
 
-@effect(
-    "delay", "delay of the torque",
-    "Shift the times of the torque by it; of all joints alike, state `alignment_ms`.",
-    of_servo="a delay of the commands is alike to viscous friction: both are in the lag of the servo",
-)  # fmt: skip
+@effect("delay")
 def _delay(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     later = -derivative(model.measured(s), s.step)
     form = Form("delay", LOG, "rate of torque")
@@ -311,7 +287,7 @@ def _delay(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     yield from _of_joints("delay", ("rate of torque", "", "s", FORMS.delay, later))
 
 
-@effect("base-tilt", "tilt of the base", "Level the base, or state its tilt.")
+@effect("base-tilt")
 def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     form = Form("base-tilt", BASE, "gravity direction")
     for k, name in enumerate("xy"):
@@ -321,23 +297,20 @@ def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColum
         yield form, form.term("rad", FORMS.tilt, part=name), column
 
 
-@effect(
-    "inertia", "error of the link's inertia",
-    "Use what was found. Of the last link it may be that of the tool, or of a payload that is not stated.",
-)  # fmt: skip
+@effect("inertia")
 def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     m = s.log.mechanism
     for k in range(m.n):
         form = Form("inertia", joint(k), "motion of the link")
-        by, sd = slopes_of(model.bodies[k]), prior_of_body(m, k)
-        columns, size = s.rigid[:, :, k] @ by, size_of_body(m, k)
+        by, sd = terms.slopes_of(model.bodies[k]), terms.prior_of_body(m, k)
+        columns, size = s.rigid[:, :, k] @ by, terms.size_of_body(m, k)
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
                 term = form.term(UNITS[p], FORMS.inertia * sd[p], part=name, most=size[p])
                 yield form, term, columns[:, :, p]
 
 
-@effect("servo-stiffness", "another stiffness of the servo", "Use what was found.", needs=_no_stiffness)
+@effect("servo-stiffness", needs=_no_stiffness)
 def _servo_stiffness(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     if s.log.torque_kind == SERVO:
         yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, model.load(s)))
@@ -346,13 +319,13 @@ def _servo_stiffness(s: Signals, model: Operating, scale: Scale) -> Iterator[For
     yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
 
 
-@effect("elasticity", "elastic gear", SIMULATE, needs=_without(LINK, UNSEEN), positive=True, by_load=True)
+@effect("elasticity", needs=_without(LINK, UNSEEN))
 def _elasticity(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     of = ("torque", "", "rad/(N m)", FORMS.deflection / scale.torque, -model.load(s))
     return _of_joints("elasticity", of, first=channel(s.log, LINK, 0))
 
 
-@effect("backlash", "backlash", "Adjust the gear.", needs=_no_gap, positive=True)
+@effect("backlash", needs=_no_gap)
 def _backlash(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     def kind(side: float) -> Kind:
         setting = f"over {side:g} of its RMS"
@@ -369,12 +342,12 @@ def in_all_joints(forms: Mapping[Form, Sequence[str]]) -> dict[Form, tuple[str, 
     What warms, turns or feeds all drives is one cause, and may be too weak in each joint to be seen there.
     """
     out: dict[Form, tuple[str, ...]] = {}
-    for form, terms in forms.items():
-        if form.effect in EFFECTS and form.site.startswith("joint ") and len(terms) == 1:
+    for form, names in forms.items():
+        if form.effect in EFFECTS and form.site.startswith("joint ") and len(names) == 1:
             setting = ", ".join(x for x in (form.setting, EACH) if x)
             every = replace(form, site=LOG, setting=setting)
-            out[every] = (*out.get(every, ()), *terms)
-    return {form: terms for form, terms in out.items() if len(terms) > 1}
+            out[every] = (*out.get(every, ()), *names)
+    return {form: names for form, names in out.items() if len(names) > 1}
 
 
 def columns(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:

@@ -10,23 +10,14 @@ import numpy as np
 from bayescal.assess.findings import FAR
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
+from bayescal.motion import terms
 from bayescal.motion.controller import with_controller, with_torques
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE, SIGNALS
 from bayescal.motion.signals import Bands, Signals, all_signals, each
-from bayescal.motion.terms import (
-    FORM,
-    Column,
-    Operating,
-    baseline,
-    by_joint,
-    channel,
-    from_nominal,
-    nominal,
-    residuals,
-)
+from bayescal.motion.terms import FORM, Column, Operating, channel
 
 
 def contradicted(names: Sequence[str]) -> list[str]:
@@ -72,11 +63,11 @@ class Estimate:
 
     def columns(self, s: Signals) -> Iterable[Column]:
         """Columns of the baseline, linearised at the estimate."""
-        return baseline(s, self.model, self.rms)
+        return terms.baseline(s, self.model, self.rms)
 
     def residual(self, s: Signals) -> np.ndarray:
         """Residuals (N, C) of which a linear fit of all columns finds the deviations from nominal."""
-        return from_nominal(s, self.model, self.columns(s), self.moved)
+        return terms.from_nominal(s, self.model, self.columns(s), self.moved)
 
     def fit(self, further: Further | None = None) -> Fit:
         """The baseline fitted to the motions of role `calibrate`, and to a further measurement."""
@@ -89,7 +80,7 @@ class Estimate:
 
     def relinearised(self, fit: Fit) -> Estimate:
         """The same, linearised at a fit."""
-        start = nominal(self.parts[0].log, self.rms)
+        start = terms.nominal(self.parts[0].log, self.rms)
         moved = {name: value for name, value in fit.values.items() if not name.startswith(FORM)}
         return replace(self, model=start.moved(moved), moved=moved)
 
@@ -162,7 +153,7 @@ def _of_servos(log: Log, bands: Bands) -> Estimate:
 def _alike(of: Estimate) -> Estimate:
     """The estimate with servos whose stiffness is as uncertain as those of the log differ."""
     n, fit, log = of.parts[0].log.n, of.fit(), of.parts[0].log
-    value, u = (by_joint(x, n, "constant") for x in (fit.values, fit.u))
+    value, u = (terms.by_joint(x, n, "constant") for x in (fit.values, fit.u))
     log = replace(log, u_constant=spread_of_servos(value, u))
     return replace(of, parts=tuple(s.changed(log=log) for s in of.parts))
 
@@ -184,8 +175,8 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     used = of_role(parts, CALIBRATE)
     log = parts[0].log
     rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in used]), axis=0))
-    start = nominal(log, rms)
-    first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in each(used)]) ** 2, axis=0))
+    start = terms.nominal(log, rms)
+    first = np.sqrt(np.mean(np.concatenate([terms.residuals(s, start) for s in each(used)]) ** 2, axis=0))
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
     for k in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = out.table()
@@ -215,7 +206,8 @@ def _stuck(parts: Sequence[Signals], model: Operating, noise: Noise) -> float | 
         rests, n = s.rests, s.log.n
         sd = noise.sd[:n] / NOISE.stuck  # it is wider where stiction is strong
         rests &= sd > 0.0  # of a joint that never moves it is not known
-        square += float(np.sum((s.kept(residuals(s, model)[:, :n]) / np.maximum(sd, 1e-300))[rests] ** 2))
+        off = s.kept(terms.residuals(s, model)[:, :n]) / np.maximum(sd, 1e-300)
+        square += float(np.sum(off[rests] ** 2))
         count += int(np.sum(rests))
     some, strong = NOISE.stiction
     chance = 1.0 + NOISE.sure * np.sqrt(2.0 * NOISE.correlated / max(count, 1))

@@ -4,8 +4,6 @@ Withheld motions may be faster. What the torque of a model has above the band of
 share of it is an error, of derivatives, of friction at reversals, of commands between two rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

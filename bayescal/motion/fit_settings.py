@@ -3,8 +3,6 @@
 As `bayescal.motion.settings`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

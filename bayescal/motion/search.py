@@ -3,8 +3,6 @@
 What is said of a log: probabilities of all hypotheses, and the effects that are named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -4,8 +4,6 @@
 simulators with known ground truth.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
