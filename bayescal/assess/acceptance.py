@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from bayescal.assess import WORDS
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.dataset import Dataset
@@ -271,10 +272,8 @@ def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure
             value = float(np.mean(error)) / sd
             same = max(np.sum(error > 0), np.sum(error < 0))
             signs = "all" if same == len(error) else f"{same} of {len(error)}"
-            words = (
-                f"mean distance error {1e6 * np.mean(error):+.1f} µm with a predicted standard deviation of "
-                f"{1e6 * sd:.1f} µm; {signs} errors have the same sign"
-            )
+            sizes = {"error": 1e6 * np.mean(error), "sd": 1e6 * sd}
+            words = WORDS["mean_distance_error"].format(signs=signs, **sizes)
             p = 2.0 * float(ndtr(-abs(value)))
             yield _Figure("mean_distance_error", abs(value), p, lambda a: float(-ndtri(a / 2)), words)
 
@@ -291,10 +290,8 @@ def _chi_square(
     statistic, draws = float(np.mean((r / sd) ** 2)), np.mean((predicted / sd) ** 2, axis=1)
     mean = float(np.mean(draws))
     dof = 2.0 * mean**2 / float(np.var(draws))
-    words = (
-        f"{of} of validation measurements: RMS error {factor * rms(r):.1f} {unit} against "
-        f"{factor * rms(sd):.1f} {unit} predicted"
-    )
+    sizes = {"size": factor * rms(r), "predicted": factor * rms(sd)}
+    words = WORDS["validation"].format(of=of, unit=unit, **sizes)
     p = float(chi2_sf(dof * statistic / mean, dof))
     limit = lambda a: float(np.sqrt(chi2_isf(a, dof) / dof))  # noqa: E731
     return _Figure(name, float(np.sqrt(statistic / mean)), p, limit, words)

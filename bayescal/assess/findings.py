@@ -13,7 +13,7 @@ that gives the largest root mean square of these over all distances: the largest
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy.special import gammaln
@@ -40,6 +40,7 @@ from bayescal.predict.errors import slopes
 from bayescal.predict.forecast import Forecast, workspace
 from bayescal.predict.validation import Validation
 from bayescal.statistics import rms
+from bayescal.storage.reading import table_beside
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,8 @@ def _of_block(fitted: Estimate, block: Block, mean: np.ndarray, count: int) -> n
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
+TEXTS = table_beside(__file__, "findings.toml")
+"""Severities and words of limitations."""
 WILD_SCALE = 100.0
 """Times the stated noise from which on residuals come from a wrong file, not from a small error of an arm."""
 WILD_SIZE = 1e-4
@@ -118,6 +121,12 @@ class Finding:
     code: str
     severity: Severity
     text: str
+
+    @classmethod
+    def said(cls, code: str, **values: object) -> Self:
+        """A limitation in the words of the table, with the values that they name in braces."""
+        words = TEXTS[code]
+        return cls(code, words["severity"], words["text"].format_map(values))
 
 
 @dataclass(frozen=True)
@@ -151,51 +160,33 @@ def _tests(of: Assessed) -> Iterator[Finding]:
         ratio = "" if check.test in (SHARED, PLANNED) else ratio
         yield Finding(check.test, "error", check.words + ratio)
     if of.tests.causes:
-        yield Finding(
-            "rejected_rows_kept", "warning",
-            "rejected measurements that share a cause are no outliers: the fit keeps them, which widens it; "
-            "if a slip or a loose part explains them, leave these rows out and fit again",
-        )  # fmt: skip
+        yield Finding.said("rejected_rows_kept")
 
 
 def _residuals(of: Assessed) -> Iterator[Finding]:
-    fitted, unexplained = of.fitted, of.unexplained
+    fitted, unexplained, dataset = of.fitted, of.unexplained, of.fitted.model.scene.dataset
     if unexplained.excess:
         noise = f"of {AGAIN[unexplained.group]}" if unexplained.repeats is not None else "stated"
         sizes = f"residuals {1e6 * unexplained.fitted:.1f} µm, noise {noise} {1e6 * unexplained.floor:.1f} µm"
         if unexplained.fitted <= unexplained.floor:
             sizes = f"by validation errors, not by residuals of the fit: {sizes}"
-        yield Finding(
-            "unexplained", "warning",
-            f"{1e6 * unexplained.excess:.1f} µm per coordinate unexplained, added to every predicted point "
-            f"({sizes})",
-        )  # fmt: skip
+        yield Finding.said("unexplained", excess=1e6 * unexplained.excess, sizes=sizes)
     scale = max(s for group, s in fitted.weights.scale.items() if group != ORIENTATION)
     if scale > WILD_SCALE and unexplained.fitted > WILD_SIZE:
-        yield Finding(
-            "wrong_files", "error",
-            f"residuals of {1e3 * unexplained.fitted:.1f} mm, far more than any small error of an arm: "
-            "check offset_deg, the signs of link_from_reading, units, and the tools",
-        )  # fmt: skip
-    for wrong in contradictions(fitted.model.scene.dataset):
+        yield Finding.said("wrong_files", size=1e3 * unexplained.fitted)
+    for wrong in contradictions(dataset):
         yield Finding("certified_length", "error", f"{wrong.what}; {wrong.remedy}")
-    if words := copies(fitted.model.scene.dataset):
+    if words := copies(dataset):
         yield Finding("doubled_row", "warning", words)
-    if (few := planned(fitted.model.scene.dataset)) and not few.certain:
-        yield Finding("planned_pose", "warning", few.words(fitted.model.scene.dataset))
-    if words := rounded(fitted.model.scene.dataset):
+    if (few := planned(dataset)) and not few.certain:
+        yield Finding("planned_pose", "warning", few.words(dataset))
+    if words := rounded(dataset):
         yield Finding("rounded_readings", "warning", words)
-    count = sum(len(b.rows) for b in fitted.model.states)
-    if len(fitted.rejected) > MANY_REJECTED * count:
-        words = f"{len(fitted.rejected)} of {count} measurements rejected as outliers: more than expected"
-        yield Finding("many_rejected", "warning", words)
-    uneven = [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]
-    if uneven:
-        yield Finding(
-            "not_flat", "warning",
-            f"planes that are not flat, or arm errors that look so: {', '.join(uneven)}; "
-            "their form is fitted together with the arm",
-        )  # fmt: skip
+    count, rejected = sum(len(b.rows) for b in fitted.model.states), len(fitted.rejected)
+    if rejected > MANY_REJECTED * count:
+        yield Finding.said("many_rejected", rejected=rejected, count=count)
+    if uneven := [f"{f.target} by {1e6 * f.form:.0f} µm RMS" for f in of.faces if f.uneven]:
+        yield Finding.said("not_flat", names=", ".join(uneven))
 
 
 def differing(count: np.ndarray, chi2: np.ndarray) -> float:
@@ -232,11 +223,7 @@ def _noises(of: Assessed) -> Iterator[Finding]:
         if level > 0 and differing(count, chi2 / level) > UNEVEN:
             ratio = np.sqrt(chi2 / count / level)
             most, least = (f"{list(squares)[k]} {ratio[k]:.2g}" for k in (np.argmax(ratio), np.argmin(ratio)))
-            yield Finding(
-                "noise_differs", "note",
-                f"residuals differ between targets ({most}, {least} times their RMS), one noise is taken for "
-                "all: a surface that is rough, dirty or not firm, or an error of the arm there",
-            )  # fmt: skip
+            yield Finding.said("noise_differs", most=most, least=least)
 
 
 def _boards(of: Assessed) -> Iterator[Finding]:
@@ -254,8 +241,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         if u.matters or u.hidden:
             yield Finding("not_identifiable", "warning" if u.matters else "note", u.words)
     if not model.knows_length:
-        words = "no certified length among the fitted targets: the size of the arm rests on its tolerances"
-        yield Finding("no_length", "warning", words)
+        yield Finding.said("no_length")
     limit, widening = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
     wider = np.array([widening.get(family(p), 1.0) for p in model.parameters])
     every = zip(model.parameters, z[: len(wider)] * wider, strict=True)
@@ -265,21 +251,13 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
     yield from (Finding("far_from_prior", "warning", words) for words in of.options.contrary)
     stated = {prior.name for prior in model.scene.dataset.robot.priors}
     if unused := sorted(stated - {p.name for p in model.parameters}):
-        what = f"priors of the robot file that no parameter uses: {', '.join(unused)}"
-        yield Finding("prior_unused", "note", what)
+        yield Finding.said("prior_unused", names=", ".join(unused))
     if far:
-        yield Finding(
-            "far_from_nominal", "warning",
-            f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations"
-            f"{' (before widening)' if widening else ''} from nominal; check what is stated of them"
-            f"{': is the calibration of the camera of images of this size and crop?' if lens else ''}",
-        )  # fmt: skip
+        asked = ": is the calibration of the camera of images of this size and crop?" if lens else ""
+        widened = " (before widening)" if widening else ""
+        yield Finding.said("far_from_nominal", names=", ".join(far), far=FAR, widened=widened, lens=asked)
     if factor := _one_factor(of.fitted, wider, of.fitted.sd if of.sd is None else of.sd):
-        yield Finding(
-            "one_scale", "warning",
-            f"the lengths of the links are {factor:.4f} times nominal, all of them: check the robot file and "
-            "certified lengths (board, spheres, scale of an instrument); validation by them does not show it",
-        )  # fmt: skip
+        yield Finding.said("one_scale", factor=factor)
     for words in sentences(of.widths):
         yield Finding("prior_width", "note", words)
     if of.rigid.words:
@@ -287,11 +265,9 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
     effects, circumstances = {plain(name) for name in model.effects}, model.scene.circumstances()
     for effect in (MODELS[name] for name in BASELINE if name not in effects):
         if lacks := effect.missing(circumstances):
-            yield Finding("not_modelled", "note", f"the model has no {effect.name}: {lacks}")
-    absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]
-    if absent:
-        words = f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
-        yield Finding("not_in_robot_file", "note", words)
+            yield Finding.said("not_modelled", effect=effect.name, lacks=lacks)
+    if absent := [name for name in model.effects if not MODELS[plain(name)].in_robot_file]:
+        yield Finding.said("not_in_robot_file", names=", ".join(absent))
 
 
 def _one_factor(fitted: Estimate, wider: np.ndarray, sd: np.ndarray) -> float | None:
@@ -319,33 +295,19 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
     """Why small residuals do not prove small distance errors."""
     unexplained, expected, lead = of.unexplained, of.expected, of.expected.lead
     if len(of.seen.missing):
-        yield Finding(
-            "directions", "warning",
-            f"too few directions are {'seen' if of.seen.images else 'probed'}: {in_words(of.seen)}, "
-            f"and errors {'along it' if of.seen.images else 'across'} rest on other poses and on the priors",
-        )  # fmt: skip
+        seen, where = ("seen", "along it") if of.seen.images else ("probed", "across")
+        yield Finding.said("directions", seen=seen, which=in_words(of.seen), where=where)
     if rests_on_priors(expected, unexplained):
-        yield Finding(
-            "prior", "warning",
-            f"the prediction rests on tolerances: {100 * expected.prior_share:.0f} % of the variance of a "
-            "predicted distance is that of priors which no row reduced",
-        )  # fmt: skip
+        yield Finding.said("prior", share=100 * expected.prior_share)
     residuals = [p.residuals for p in of.checked.planes]
     contact = rms(np.concatenate(residuals)) if residuals else unexplained.fitted
     those = "those of validation contacts" if residuals else "they"
     distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
-        yield Finding(
-            "contrast", "warning",
-            f"small residuals do not prove this calibration: {those} are {1e6 * contact:.0f} µm "
-            f"RMS, yet the predicted distance error is {1e6 * distance:.0f} µm",
-        )  # fmt: skip
+        yield Finding.said("contrast", those=those, contact=1e6 * contact, distance=1e6 * distance)
     if lead.measured is not None and lead.measured > lead.interval[1] and of.tests.explains:
-        yield Finding(
-            "distances", "warning",
-            f"distances between {lead.over}: RMS error {1e6 * lead.measured:.3g} µm, above the predicted "
-            f"95 % interval ({1e6 * lead.interval[1]:.3g} µm): run bayescal gap",
-        )  # fmt: skip
+        error, limit = 1e6 * lead.measured, 1e6 * lead.interval[1]
+        yield Finding.said("distances", lead=lead, error=error, limit=limit)
 
 
 def _gross_errors(of: Assessed) -> Iterator[Finding]:
@@ -354,10 +316,5 @@ def _gross_errors(of: Assessed) -> Iterator[Finding]:
     k = int(np.argmax(gross.shift)) if len(gross.rows) else -1
     if k >= 0 and gross.shift[k] > u:
         name = of.fitted.model.scene.dataset.measurements.ids[gross.rows[k]]
-        error, shift = micrometres(gross.error[k]), micrometres(gross.shift[k])
-        yield Finding(
-            "gross_error_unseen", "warning",
-            f"a gross error up to {error} in one of {len(gross.rows)} measurements (`{name}`) would not be "
-            f"detected and would change distances by {shift} RMS (U = {micrometres(u)}): "
-            "repeat it, or add measurements",
-        )  # fmt: skip
+        sizes = {"error": micrometres(gross.error[k]), "shift": micrometres(gross.shift[k])}
+        yield Finding.said("gross_error_unseen", count=len(gross.rows), name=name, u=micrometres(u), **sizes)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.assess import WORDS
 from bayescal.effects import BASELINE, EFFECTS, Parameter, View
 from bayescal.effects.location import BOARD, CAMERA
 from bayescal.errors import listed
@@ -148,10 +149,7 @@ def lost_images(fitted: Estimate) -> str:
         each += [f"{image[k]} ({lost[k]:.0f} of {count[k]})" for k in np.flatnonzero(2 * lost > count)]
     if not each:
         return ""
-    return (
-        f"most corners are rejected as outliers in images {listed(each, SHOWN)}: look at the size of these "
-        "images, the numbers of their corners and their joint readings (bayescal check)"
-    )
+    return str(WORDS["lost_images"].format(images=listed(each, SHOWN)))
 
 
 @dataclass(frozen=True)
@@ -170,24 +168,16 @@ class Displaced:
         size = np.linalg.norm(self.shift, axis=1)
         k = int(np.argmax(size))
         others = float(np.sqrt(np.mean(np.delete(size, k) ** 2))) if len(size) > 1 else 0.0
+        which = {"target": self.target, "point": self.point[k]}
         if size[k] > LARGE * others:
-            lost = (
-                f" ({self.outliers[k]} of its {self.count[k]} rows are outliers)" if self.outliers[k] else ""
-            )
-            return (
-                f"point {self.point[k]} of the board of `{self.target}` is {1e3 * size[k]:.2g} mm from its "
-                f"place in all images{lost}: a misprint, dirt, or a corner that the detector confuses; leave "
-                "out the rows of this point, or use another board"
-            )
+            few = f" ({self.outliers[k]} of its {self.count[k]} rows are outliers)"
+            lost = few if self.outliers[k] else ""
+            return str(WORDS["displaced_point"].format(**which, size=1e3 * size[k], lost=lost))
         parts = self.shift[:, :2], self.shift[:, 2:]
-        within, across = (float(np.sqrt(np.mean(np.sum(part**2, axis=1)))) for part in parts)
+        within, across = (1e3 * float(np.sqrt(np.mean(np.sum(part**2, axis=1)))) for part in parts)
         flat = "the board is not flat" if across > ACROSS * within else "its pattern is not as stated"
-        return (
-            f"points of the board of `{self.target}` are {1e3 * np.hypot(within, across):.2g} mm RMS from "
-            f"their places in all images ({1e3 * within:.2g} mm within its plane, {1e3 * across:.2g} mm "
-            f"across), most point {self.point[k]}: {flat}, and the noise of the fit contains this; measure "
-            "or replace the board"
-        )
+        sizes = {"size": np.hypot(within, across), "within": within, "across": across}
+        return str(WORDS["displaced_points"].format(**which, **sizes, flat=flat))
 
 
 def displaced(fitted: Estimate) -> tuple[Displaced, ...]:

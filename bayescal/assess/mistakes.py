@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.assess import WORDS
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.dataset.write import taken
@@ -107,13 +108,7 @@ class Judged:
         return float(np.exp(-size)) if abs(size) > max(DIFFERENT, CERTAIN * u) else None
 
 
-IN_M, IN_INCHES = (1e3, "in m", "write it in mm"), (25.4, "in inches", "write it in mm")
-RADIUS, DIAMETER = "write the radius", "write the diameter"
-FACTORS = {
-    "ball_radius_mm": ((0.5, "a diameter", RADIUS), (2.0, "half of the radius", RADIUS), IN_M, IN_INCHES),
-    "diameter_mm": ((2.0, "a radius", DIAMETER), (0.5, "twice the diameter", DIAMETER), IN_M, IN_INCHES),
-    "centre_of_mass_mm": ((1 / 25.4, "multiplied by 25.4 once too often", "write it in mm"), IN_INCHES),
-}
+FACTORS = WORDS["factors"]
 """Factors by which a value is corrected, what it then was, and the remedy."""
 
 
@@ -160,15 +155,9 @@ def mistaken(judgement: Judged) -> Iterator[Mistake]:
         yield Mistake("gross_mistake", what, first.remedy, first.place)
     if judgement.factor is not None:
         way, factor = ("long", judgement.factor) if judgement.factor > 1 else ("short", 1 / judgement.factor)
-        what = (
-            f"the certified lengths together look too {way} by a factor of {factor:.4f}: "
-            "the tolerances of the arm do not allow its size"
-        )
-        remedy = (
-            "check the unit and the temperature of the certificates, whether one of them is in error, "
-            "and the lengths in the robot file"
-        )
-        yield Mistake("certified_scale", what, remedy, ("certificates",))
+        words = WORDS["certified_scale"]
+        what = words["what"].format(way=way, factor=factor)
+        yield Mistake("certified_scale", what, words["remedy"], ("certificates",))
 
 
 def hidden(judgement: Judged) -> Iterator[str]:

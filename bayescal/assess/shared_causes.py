@@ -22,6 +22,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from bayescal.assess import WORDS
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.families import stops_of
 from bayescal.estimate.unexplained import FaceCheck, check_faces, with_uneven_faces
@@ -185,10 +186,7 @@ class SharedCause:
     @property
     def words(self) -> str:
         """What they share: ``10 of 11 rejected measurements share the direction of motion: negative ...``."""
-        return (
-            f"{len(self.rows)} of {self.rejected} rejected measurements share a {self.kind}: {self.label} "
-            f"({self.size} of all {self.count} do)"
-        )
+        return str(WORDS["shared_cause"].format(c=self, share=len(self.rows)))
 
 
 def shared_causes(fitted: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:

@@ -12,17 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from bayescal.assess.identifiability import (
-    DETERMINED,
-    PAYLOAD,
-    PLANNED,
-    SHOWN,
-    Conditions,
-    Identifiability,
-    directions,
-    in_words,
-    simplified,
-)
+from bayescal.assess import WORDS, identifiability
+from bayescal.assess.identifiability import Conditions, Identifiability, directions, in_words, simplified
 from bayescal.effects.location import micrometres
 from bayescal.errors import listed
 from bayescal.estimate import Estimate
@@ -84,20 +75,12 @@ CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str
     ),
     "payload": (
         lambda s: "gravity torques vary too little",
-        lambda s: f"measure also with {PAYLOAD:g} kg more payload",
+        lambda s: f"measure also with {identifiability.PAYLOAD:g} kg more payload",
     ),
     "tool": (_tool, lambda s: "measure also with a second tool, its point 100 mm away"),
 }
 """What a session may lack, the least costly first: the reason, and what to measure."""
-OTHERWISE = {
-    "rows": ("the rows are too few for their noise", "measure more rows of the same kind"),
-    "noise": (
-        "the noise is larger than their effect",
-        "lower the noise (means of repeats), or leave them out of the model",
-    ),
-    "redundant": ("no measurement depends on them", "nothing needs to be done"),
-    "stated": ("these rows tell no more than what is stated", "calibrate the camera, measure the board"),
-}
+OTHERWISE = WORDS["otherwise"]
 """Reason and remedy of what no change determines."""
 COMBINED = "no measurement depends on each by itself"
 """Reason for redundant combinations of parameters of which other combinations are measured."""
@@ -161,40 +144,41 @@ class Undetermined:
         return f"{self.what} ({effect}), because {self.reason}"
 
 
-def undetermined(fitted: Estimate, identifiability: Identifiability) -> tuple[Undetermined, ...]:
+def undetermined(fitted: Estimate, determined: Identifiability) -> tuple[Undetermined, ...]:
     """What is not determined, by cause, the largest consequence first.
 
     Parameters
     ----------
     fitted : Estimate
-    identifiability : Identifiability
+    determined : Identifiability
         Of this estimate.
     """
-    if not identifiability.weak:
+    if not determined.weak:
         return ()
-    session = Conditions(fitted, identifiability.index)
+    session = Conditions(fitted, determined.index)
     possible = session.possible(tuple(CHANGES))
-    weak = np.array([d.vector for d in identifiability.weak]).T
+    weak = np.array([d.vector for d in determined.weak]).T
     seen, turn = np.linalg.eigh(weak.T @ session.information(possible[-1]) @ weak)
-    no_effect = np.sqrt(np.maximum(seen, 0.0) / PLANNED) < REDUNDANT
+    no_effect = np.sqrt(np.maximum(seen, 0.0) / identifiability.PLANNED) < REDUNDANT
     groups: dict[tuple[State, tuple[str, ...]], list[np.ndarray]] = {}
     if np.any(no_effect):
         groups["redundant", ()] = [*(weak @ turn[:, no_effect]).T]
     for v in simplified(weak @ turn[:, ~no_effect]).T if not np.all(no_effect) else ():
-        groups.setdefault(_cause(session, identifiability, v, possible), []).append(v)
+        groups.setdefault(_cause(session, determined, v, possible), []).append(v)
     by_cause = [
-        _described(session, identifiability, *cause, np.array(vectors).T) for cause, vectors in groups.items()
+        _described(session, determined, *cause, np.array(vectors).T) for cause, vectors in groups.items()
     ]
     return tuple(sorted(by_cause, key=lambda u: -u.displacement))
 
 
 def _cause(
-    session: Conditions, identifiability: Identifiability, v: np.ndarray, possible: list[tuple[str, ...]]
+    session: Conditions, determined: Identifiability, v: np.ndarray, possible: list[tuple[str, ...]]
 ) -> tuple[State, tuple[str, ...]]:
     """The state of a direction (P,), and the smallest of the possible changes that determines it."""
-    precision = np.eye(len(v)) + identifiability.information
+    precision = np.eye(len(v)) + determined.information
     for changes in possible:
-        if v @ np.linalg.solve(precision + session.information(changes), v) <= 1.0 - DETERMINED:
+        u = v @ np.linalg.solve(precision + session.information(changes), v)
+        if u <= 1.0 - identifiability.DETERMINED:
             return ("measure" if changes else "rows"), changes
     return "noise", ()
 
@@ -206,14 +190,14 @@ def _listed(parameters: tuple[str, ...], combinations: int) -> str:
 
 
 def _described(
-    session: Conditions, identifiability: Identifiability, state: State, changes: tuple[str, ...],
+    session: Conditions, determined: Identifiability, state: State, changes: tuple[str, ...],
     v: np.ndarray,
 ) -> Undetermined:  # fmt: skip
     """Directions (P, K) with a common cause, in words."""
-    names = [p.name for p in identifiability.parameters]
-    shown = np.max(np.abs(v), axis=1) > SHOWN
-    covariance = v.T @ np.linalg.solve(np.eye(len(v)) + identifiability.information, v)
-    of = {p.effect for p, show in zip(identifiability.parameters, shown, strict=True) if show}
+    names = [p.name for p in determined.parameters]
+    shown = np.max(np.abs(v), axis=1) > identifiability.SHOWN
+    covariance = v.T @ np.linalg.solve(np.eye(len(v)) + determined.information, v)
+    of = {p.effect for p, show in zip(determined.parameters, shown, strict=True) if show}
     if state != "redundant" and of == {"camera"}:
         reason, remedy = OTHERWISE["stated"]
     elif state == "measure":
@@ -224,7 +208,7 @@ def _described(
     parameters = tuple(n for n, show in zip(names, shown, strict=True) if show)
     if state == "redundant" and v.shape[1] < len(parameters):
         reason = COMBINED
-    what = identifiability.direction(v[:, 0]).words if v.shape[1] == 1 else _listed(parameters, v.shape[1])
+    what = determined.direction(v[:, 0]).words if v.shape[1] == 1 else _listed(parameters, v.shape[1])
     return Undetermined(
         parameters, v.shape[1], what, changes, state,
         session.displacement(v @ covariance @ v.T), session.noise, reason, remedy,
