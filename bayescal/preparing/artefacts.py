@@ -24,6 +24,7 @@ from bayescal.probing.placement import cube_of, placement
 from bayescal.probing.scene import LARGE, U_SPHERE, Cube, Scenery, Sizes
 from bayescal.robots.schema import RobotFile
 from bayescal.storage.files import Keys, stem_of
+from bayescal.storage.reading import table_beside
 
 SPHERES, PLACEMENTS, ON_SPHERE = 3, 4, 11
 """Spheres of the artefact, its placements, and contacts on each sphere."""
@@ -148,31 +149,18 @@ def _apart(one: Target, other: Target, u: float) -> Certificate:
     return Certificate("distance", (one.name, other.name), round(float(length), 6), u)
 
 
-_ARTEFACTS = (
-    Artefact("cube", "a cube or block with ground faces; the certified distance of two faces gives the scale",
-             _cube),
-    Artefact("spheres", "three spheres of certified distances, placed at several positions (`@1`, `@2`, ...)",
-             _spheres, certified=("diameter_mm",)),
-    Artefact("plate", "a flat plate, placed in several orientations; no certified length, the scale is the "
-             "robot's own", _plate),
-    Artefact("socket", "four conical seats of certified distances, in which a ball on the flange is seated",
-             _seats),
-    Artefact("bar", "a ball bar of certified length about a pivot, at several positions of the pivot",
-             _bar, certified=("length_mm",)),
-    Artefact("tracker", "a laser tracker or camera that reads a reflector on the flange",
-             _tracker, tool="reflector", columns=("x_mm", "y_mm", "z_mm")),
-)  # fmt: skip
-ARTEFACTS = {artefact.name: artefact for artefact in _ARTEFACTS}
+TABLE = table_beside(__file__, "artefacts.toml")
+OUTLINES = {
+    "cube": _cube, "spheres": _spheres, "plate": _plate, "socket": _seats, "bar": _bar, "tracker": _tracker,
+}  # fmt: skip
+ARTEFACTS = {name: Artefact(name, outline=OUTLINES[name], **of) for name, of in TABLE["artefacts"].items()}
 """Artefacts by name. Example values of certificates are marked to be filled in."""
 
 JOINTS = 6
 """Joints of a robot.yaml that is to be filled in: most arms have as many."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-UNITS = {
-    "mmps": "mm/s", "degps": "deg/s", "n": "N", "um_per_n": "µm/N", "nm": "N m", "mps2": "m/s²", "c": "°C",
-    "degc": "°C", "rad_per_nm": "rad/(N m)", "nms_per_rad": "N m s/rad", "kgm2": "kg m2",
-}  # fmt: skip
+UNITS = TABLE["units"]
 """Units of keys that are not written as in the key."""
 
 MODELS: dict[str, Callable[[], type[Keys]]] = {

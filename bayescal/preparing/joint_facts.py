@@ -270,11 +270,9 @@ def gravity_torques(log: Log, position: np.ndarray) -> np.ndarray:
 def torque_gains(log: Log, even: Sequence[Uniform]) -> np.ndarray:
     """Measured torques over those of the nominal masses, beside friction and offset; (n,).
 
-    Nan of joints whose torque by gravity changes little, and without torques.
+    Nan of joints whose torque by gravity changes little.
     """
     out = np.full(log.n, np.nan)
-    if log.motions[0].torque is None:
-        return out
     q, v, a, torque, _ = thinned(log, even, POSES)
     gravity = gravity_torques(log, q)
     change = np.where(gravity.std(axis=0) > LOADS * abs(gravity.mean(axis=0)), gravity.std(axis=0), 0.0)

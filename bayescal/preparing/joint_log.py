@@ -18,7 +18,7 @@ from bayescal.motion.controller import MISMATCHED, is_servo, unfollowed, with_to
 from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.effects import EFFECTS
 from bayescal.preparing import joint_facts, joint_findings
-from bayescal.preparing.joint_delays import Uniform, thinned, uniform
+from bayescal.preparing.joint_delays import thinned, uniform
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
 from bayescal.preparing.missing import KINDS, Finding
 
@@ -34,11 +34,9 @@ SCALES = (0.2, 5.0)
 """Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
 
 
-def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
+def reversed_torques(log: Log, rows: Sequence[np.ndarray]) -> tuple[str, ...]:
     """Names of joints whose torques have the opposite sense: by them friction drives the motion."""
-    if log.torque_kind == "" or not log.signed or any(e.torque is None for e in even):
-        return ()
-    q, v, a, torque, payload = thinned(log, even, ROWS)
+    q, v, a, torque, payload = rows
     by = regressor(log.mechanism, q, v, a, log.gravity)
     rigid = carried(by, log.mechanism.inertials, log.mechanism, payload)
     out, names = [], log.mechanism.joint_names
@@ -50,14 +48,12 @@ def reversed_torques(log: Log, even: Sequence[Uniform]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def interchanged(log: Log, even: Sequence[Uniform]) -> str:
+def interchanged(log: Log, rows: Sequence[np.ndarray]) -> str:
     """Two joints that are interchanged, in words, of all columns, positions or torques; "" if none are.
 
     Of the torques beside those of the nominal masses, friction and rotors.
     """
-    if log.torque_kind == "" or any(e.torque is None for e in even):
-        return ""
-    (q, v, a, torque, payload), m = thinned(log, even, ROWS), log.mechanism
+    (q, v, a, torque, payload), m = rows, log.mechanism
 
     def log_residual(order: list[int], of_torque: list[int]) -> float:
         """Sum over the joints of the logarithm of the residual (RMS)."""
@@ -76,12 +72,9 @@ def interchanged(log: Log, even: Sequence[Uniform]) -> str:
     for i, k in combinations(as_stated, 2):
         other = as_stated.copy()
         other[i], other[k] = k, i
-        both = f"{names[i]} and {names[k]}"
-        candidates += [
-            (log_residual(other, other), f"the columns of {both}"),
-            (log_residual(other, as_stated), f"the positions of {both}"),
-            (log_residual(as_stated, other), f"the torques of {both}"),
-        ]
+        cases = ("columns", other, other), ("positions", other, as_stated), ("torques", as_stated, other)
+        for what, *orders in cases:
+            candidates.append((log_residual(*orders), f"the {what} of {names[i]} and {names[k]}"))
     best = min(candidates, default=(stated, ""))
     return best[1] if stated - best[0] > np.log(FACTOR) else ""
 
@@ -160,9 +153,12 @@ def mistaken(log: Log, table: str = "") -> Iterator[Finding]:
         yield Finding("command", "refused" if is_servo(log) else "odd", wrong, table, MISMATCHED)
     parts = log.divided if log.divided.motions else log  # `fit` and `gap` refuse one without any
     even = [uniform(m) for m in parts.motions]
-    if names := reversed_torques(parts, even):
+    if any(e.torque is None for e in even):
+        return
+    rows = thinned(parts, even, ROWS)
+    if names := reversed_torques(parts, rows):
         yield joint_findings.said("odd", "torque_sign", table, names=listed(names))
-    elif which := interchanged(parts, even):
+    elif which := interchanged(parts, rows):
         yield joint_findings.said("odd", "order", table, which=which)
         return
     gains = zip(log.mechanism.joint_names, joint_facts.torque_gains(parts, even), strict=True)

@@ -19,7 +19,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.dataset.types import Tool
 from bayescal.logs import Log
 from bayescal.logs.types import TRANSITION
-from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import SLOW, gravity_torques, joints_of
 from bayescal.preparing.joint_findings import FAST, LENGTH, missing
@@ -174,11 +174,10 @@ class Bounds:
         """Torques (N, n) of the nominal arm with a payload."""
         m = self.log.mechanism
         rigid = regressor(m, q, dq, ddq, self.log.gravity)
-        load = rigid[:, :, -1] @ payload_of(m) * kilograms
+        load = carried(rigid, m.inertials, m, np.full(len(q), kilograms))
         way = np.tanh(dq / (m.transition or TRANSITION))
         friction = np.nan_to_num(m.coulomb) * way + np.nan_to_num(m.viscous) * dq
-        arm = np.einsum("njkp,kp->nj", rigid, m.inertials)
-        return np.asarray(arm + load + friction + np.nan_to_num(m.armature) * ddq)
+        return np.asarray(load + friction + np.nan_to_num(m.armature) * ddq)
 
     @cached_property
     def poses(self) -> np.ndarray:
