@@ -105,13 +105,6 @@ def read_entries(path: Path) -> Entries:
 
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
-D_SI = {
-    "m": r"\metre", "rad": r"\radian", "rad/(N m)": r"\radian\newton\tothe{-1}\metre\tothe{-1}",
-    "rad/(N m)^2": r"\radian\newton\tothe{-2}\metre\tothe{-2}",
-    "m/(N m)": r"\metre\newton\tothe{-1}\metre\tothe{-1}", "kg": r"\kilogram", "kg m": r"\kilogram\metre",
-    "s": r"\second", "1": r"\one",
-}  # fmt: skip
-"""Units of the D-SI by those in memory."""
 register_namespace("dcc", DCC)
 register_namespace("si", SI)
 TWO = 2.0
@@ -144,13 +137,9 @@ def dcc(entries: Entries, basis: Basis, notes: Sequence[str] = ()) -> str:
     """
     model, standard = basis.stated.plain.model, iso9283(basis)
     distances = [_expanded_alone(budget(basis, volume(basis))), *map(_with_u, of_distances(basis).values())]
-    coverage = (
-        f"Expanded uncertainties U = k u with a coverage of {100 * COVERAGE:.2f} %, by JCGM 100:2008; "
-        "k from Student's t for the effective degrees of freedom."
-    )
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + indented(rendered(
-        "dcc.xml.j2", dcc=DCC, si=SI, units=D_SI, version=__version__, coverage=COVERAGE, entries=entries,
-        statements=(coverage, *notes), dataset=model.scene.dataset, effects=model.effects, standard=standard,
+        "dcc.xml.j2", dcc=DCC, si=SI, version=__version__, coverage=COVERAGE, entries=entries,
+        notes=notes, dataset=model.scene.dataset, effects=model.effects, standard=standard,
         results={
             "errors of distances": distances,
             "parameters of the arm": [

@@ -5,10 +5,8 @@ friction, named effects; and with the error of position that it makes, where the
 known.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,34 +24,19 @@ from bayescal.logs.schema import Arm
 from bayescal.logs.types import PAIRS
 from bayescal.robots.tree import UNLIMITED
 from bayescal.storage.files import json_text
-from bayescal.storage.reading import Json, decoded
+from bayescal.storage.reading import Json, decoded, table_beside
 
 ARM_FILE = "arm.yaml"
 SCHEMA = "bayescal-log-export/1"
 
 
-@dataclass(frozen=True)
-class LogFormat:
-    """A format of simulators: suffix, writer, parameters that it does not hold, effects that it holds."""
-
-    suffix: str
-    write: Callable[[Mechanism, np.ndarray, Drives], str]
-    without: tuple[str, ...]
-    holds: tuple[str, ...] = ()
-
-
-LEFT_OUT: Mapping[str, tuple[str, str]] = {
-    "armature": ("rotors", "N m at 1 rad/s2"),
-    "offset": ("offsets of the torque", "N m"),
-    "transition": ("the smooth reversal of friction", "N m below the transition speed"),
-}
-"""Parameters that a format may not hold: words, and what their size is."""
+TABLES = table_beside(__file__, "log_formats.toml")
+FORMATS, LEFT_OUT = TABLES["formats"], TABLES["left_out"]
+"""By name what a format holds; of parameters that it may not hold the words, and what their size is."""
 LEAST_MASS, LEAST_SIZE = 1e-9, 0.03
 """kg, m: of links without mass, which simulators refuse."""
 OF_SERVOS = "deg"
 """Unit of the residuals of position servos without torques, whose stiffness is an estimate."""
-OF_THE_LINKS = ("payload", "payload-offset", "inertia", "base-tilt")
-"""Effects that are none of the drives."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +78,7 @@ class LogExport:
     @property
     def suffix(self) -> str:
         """Of the file."""
-        return FORMATS[self.format].suffix
+        return str(FORMATS[self.format]["suffix"])
 
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
@@ -144,13 +127,14 @@ def export_log(folder: Path, record: Json, to: str) -> LogExport:
     gravity = np.array(record["gravity_mps2"])
     sizes = {"armature": m.armature, "offset": np.abs(drives.offset), "transition": m.coulomb}
     form = FORMATS[to]
-    missing = {key: tuple(sizes[key].tolist()) for key in form.without}
-    holds = set(form.holds) - ({"load-friction"} if any(SQUARE in name for name in values) else set())
+    missing = {key: tuple(sizes[key].tolist()) for key in form["without"]}
+    holds = set(form["holds"]) - ({"load-friction"} if any(SQUARE in name for name in values) else set())
     effects = tuple(e for e in record.get("beside", ()) if e["effect"] not in holds)
     origin = {key: record[key] for key in ("dataset", "robot", "software", "gravity_mps2")}
     names = {e["effect"] for e in effects}
     origin["terms"] = {name: x for name, x in values.items() if name.partition(" ")[0] in names}
-    text = form.write(m, gravity, drives)
+    bam = to == "bam"
+    text = _bam(m, drives) if bam else text_of(m, to, gravity, drives.stiffness, drives.damping)
     return LogExport(to, m.name, text, missing, effects, origin, drives.stiffness)
 
 
@@ -207,11 +191,7 @@ def text_of(
     return rendered(f"log_arm.{to}.j2", **fields)
 
 
-def _xml(to: str) -> Callable[[Mechanism, np.ndarray, Drives], str]:
-    return lambda m, gravity, d: text_of(m, to, gravity, d.stiffness, d.damping)
-
-
-def _bam(m: Mechanism, gravity: np.ndarray, d: Drives) -> str:
+def _bam(m: Mechanism, d: Drives) -> str:
     """Drives by the friction models m1 and m5 of BAM (Duclusaud et al., ICRA 2025), one by joint name.
 
     kt, R and the name of the actuator do not follow from torques in N m: BAM takes those of the motor.
@@ -227,16 +207,3 @@ def _bam(m: Mechanism, gravity: np.ndarray, d: Drives) -> str:
             load |= {"load_friction_motor_stribeck": 0.0, "load_friction_external_stribeck": 0.0}
             out[name] |= {"model": "m5", **stribeck, **load}
     return json_text(out)
-
-
-FORMATS: Mapping[str, LogFormat] = {
-    "mjcf": LogFormat(
-        ".xml", _xml("mjcf"), ("offset", "transition"),
-        ("servo-stiffness", "armature", "inertia", "base-tilt"),
-    ),
-    "urdf": LogFormat(".urdf", _xml("urdf"), ("armature", "offset", "transition"), ("armature", "inertia")),
-    "sdf": LogFormat(".sdf", _xml("sdf"), ("armature", "offset", "transition"), ("armature", "inertia")),
-    "bam": LogFormat(
-        ".json", _bam, ("offset", "transition"), ("stribeck", "load-friction", "armature", *OF_THE_LINKS)
-    ),
-}  # fmt: skip

@@ -114,10 +114,8 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
         here, zeros = _settled(file, root, zeros, with_flange[-1])
         frames, notes = file.turned(zeros), _calibrated(robot, file, zeros, name)
     for k in np.flatnonzero((angle > ANGLE) | (length > LENGTH)).tolist():
-        what = (
-            f"at zero readings the axis of {file.names[k]} is {np.degrees(angle[k]):.2f} deg and "
-            f"{1e3 * length[k]:.2f} mm off that of {robot.joint_names[k]}"
-        )
+        off = f"{np.degrees(angle[k]):.2f} deg and {1e3 * length[k]:.2f} mm off"
+        what = f"at zero readings the axis of {file.names[k]} is {off} that of {robot.joint_names[k]}"
         raise BayescalError(what, name, f"give the file of this arm ({robot.name}), with the same zeros")
     links = np.linalg.inv(ours) @ here @ frames
     signs = _senses(a, _lines(frames, file.axes)[1], here)

@@ -21,6 +21,7 @@ from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.files import json_text
+from bayescal.storage.reading import table_beside
 
 
 def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
@@ -94,15 +95,7 @@ def replay_table(
     }  # fmt: skip
 
 
-PLACES = {
-    "torque": ("joint {name}_flex, tendons {name}_flex_...", "stiffness"),
-    "bending moment": ("joints {name}_tilt_... and {name}_bend_...", "stiffness"),
-    "base moment": ("joints stand_...", "stiffness, pos"),
-    "mass": ("bodies tool and payload", "mass, pos"),
-    "direction": ("tendon {name}_gear", "springlength"),
-    "angle": ("tendon {name}_gear", "coef"),
-    "position": ("tendon {name}_gear", "coef"),
-}
+PLACES = table_beside(__file__, "places.toml")
 """Element and attribute of a parameter, by the kind of its driver."""
 WEIGHED = ("torque", "bending moment", "base moment", "mass")
 """Drivers that need the masses of the links."""
