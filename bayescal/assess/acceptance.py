@@ -23,7 +23,7 @@ from bayescal.estimate.bounds import negative, square
 from bayescal.estimate.discrepancy import Stated
 from bayescal.estimate.scatter import LEAST, Scatter
 from bayescal.estimate.unexplained import Unexplained
-from bayescal.predict.validation import DistanceCheck, RowCheck, Validation
+from bayescal.predict.validation import DistanceCheck, Validation
 from bayescal.statistics import chi2_isf, chi2_sf, poisson_sf, rms
 
 LEVEL = 0.01
@@ -121,13 +121,8 @@ class Acceptance:
         return self.explains and self.determined and self.validated and not self.doubts
 
 
-@dataclass(frozen=True)
-class _Figure:
-    test: str
-    value: float
-    p_value: float
-    limit: Callable[[float], float]  # of `value`, at a chance of a false alarm
-    words: str
+Test = Callable[[float], Check]
+"""A test at a level, the chance of a false alarm."""
 
 
 def acceptance(
@@ -149,9 +144,8 @@ def acceptance(
     dataset : Dataset, optional
         The session, whose contacts are tested for readings of a plan.
     """
-    figures = [_noise(unexplained), *_validation(checked, None if causes else rejected)]
-    level = LEVEL / len(figures)
-    checks = [Check(f.test, f.value, f.limit(level), f.p_value, level, f.words) for f in figures]
+    tests = [_noise(unexplained), *_validation(checked, None if causes else rejected)]
+    checks = [test(LEVEL / len(tests)) for test in tests]
     checks += [
         Check(SHARED, len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
         for c in causes
@@ -179,9 +173,8 @@ def _doubts(unexplained: Unexplained, checked: Validation, rejected: float | Non
     alone += [(p, replace(empty, points=(p,))) for p in checked.points]
     for part, of_target in alone if len(alone) > 1 else ():
         for test, r, predicted in _sets(of_target, rejected):
-            figure = _chi_square("target", f"{test} on {part.target}", r, predicted, 1e6, "µm")
-            level = LEVEL / 2 / len(alone)
-            yield Check(figure.test, figure.value, figure.limit(level), figure.p_value, level, figure.words)
+            check_at = _chi_square("target", f"{test} on {part.target}", r, predicted, 1e6, "µm")
+            yield check_at(LEVEL / 2 / len(alone))
 
 
 def anew(scatter: Scatter | None, complete: Estimate) -> Check | None:
@@ -254,12 +247,12 @@ def widened(unexplained: Unexplained, checked: Validation, tests: Acceptance) ->
     return replace(unexplained, excess=float(np.sqrt(unexplained.excess**2 + max(beyond))))
 
 
-def _noise(unexplained: Unexplained) -> _Figure:
-    ratio = unexplained.fitted / unexplained.floor
-    return _Figure("residuals", ratio, unexplained.p_value, unexplained.limit, unexplained.words)
+def _noise(of: Unexplained) -> Test:
+    ratio = of.fitted / of.floor
+    return lambda level: Check("residuals", ratio, of.limit(level), of.p_value, level, of.words)
 
 
-def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure]:
+def _validation(checked: Validation, rejected: float | None) -> Iterator[Test]:
     units = {"orientations": (180e3 / np.pi, "mdeg")}
     for test, r, predicted in _sets(checked, rejected):
         factor, unit = units.get(test, (1e6, "µm"))
@@ -275,12 +268,10 @@ def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure
             sizes = {"error": 1e6 * np.mean(error), "sd": 1e6 * sd}
             words = WORDS["mean_distance_error"].format(signs=signs, **sizes)
             p = 2.0 * float(ndtr(-abs(value)))
-            yield _Figure("mean_distance_error", abs(value), p, lambda a: float(-ndtri(a / 2)), words)
+            yield lambda a: Check("mean_distance_error", abs(value), float(-ndtri(a / 2)), p, a, words)
 
 
-def _chi_square(
-    name: str, of: str, r: np.ndarray, predicted: np.ndarray, factor: float, unit: str
-) -> _Figure:
+def _chi_square(name: str, of: str, r: np.ndarray, predicted: np.ndarray, factor: float, unit: str) -> Test:
     """Mean square error over the predicted one, (C,) against draws (S, C).
 
     Predictions have the parameters in common: the mean square is a multiple of a chi-square whose effective
@@ -292,9 +283,8 @@ def _chi_square(
     dof = 2.0 * mean**2 / float(np.var(draws))
     sizes = {"size": factor * rms(r), "predicted": factor * rms(sd)}
     words = WORDS["validation"].format(of=of, unit=unit, **sizes)
-    p = float(chi2_sf(dof * statistic / mean, dof))
-    limit = lambda a: float(np.sqrt(chi2_isf(a, dof) / dof))  # noqa: E731
-    return _Figure(name, float(np.sqrt(statistic / mean)), p, limit, words)
+    p, value = float(chi2_sf(dof * statistic / mean, dof)), float(np.sqrt(statistic / mean))
+    return lambda a: Check(name, value, float(np.sqrt(chi2_isf(a, dof) / dof)), p, a, words)
 
 
 def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
@@ -303,9 +293,7 @@ def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np
     `rejected` is the share of outliers among the fitted measurements; None: no row is an outlier. Nor is any
     where most of a kind would be: a majority has no outliers.
     """
-    kinds: dict[str, tuple[RowCheck, ...]] = {
-        "contacts": checked.planes, "points": checked.points, "orientations": checked.turns
-    }  # fmt: skip
+    kinds = {"contacts": checked.planes, "points": checked.points, "orientations": checked.turns}
     for test, parts in kinds.items():
         if not parts:
             continue

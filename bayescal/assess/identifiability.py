@@ -84,9 +84,8 @@ def identifiability(fitted: Estimate, covariance: np.ndarray | None = None) -> I
     parameters = [model.parameters[k] for k in arm]
     names = [p.name for p in parameters]
     weak = vectors[:, singular < WEAK]
-    weak_directions = (
-        [_direction(parameters, v, information, weak) for v in simplified(weak).T] if weak.size else []
-    )
+    turned = simplified(weak).T if weak.size else ()
+    weak_directions = [_direction(parameters, v, information, weak) for v in turned]
     contraction = 1.0 - np.diag(covariance)[arm]
     weak_directions.sort(key=lambda d: d.singular_value)
     return Identifiability(

@@ -178,10 +178,9 @@ def hypotheses(dataset: Dataset) -> Iterator[Hypothesis]:
                 replace(t, **{field: getattr(t, field) * factor}) if t.name == name else t
                 for t in dataset.tools
             )
-            other = replace(dataset, tools=corrected)
-            yield Hypothesis(
-                f"`{key}` of `{name}`", like, remedy, ("tools", name, key), other, field == "centre_of_mass"
-            )
+            place, other = ("tools", name, key), replace(dataset, tools=corrected)
+            loads = field == "centre_of_mass"
+            yield Hypothesis(f"`{key}` of `{name}`", like, remedy, place, other, loads)
     for name, targets in _round(dataset):
         for factor, like, remedy in FACTORS["diameter_mm"]:
             sized = tuple(

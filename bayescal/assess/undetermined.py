@@ -165,9 +165,8 @@ def undetermined(fitted: Estimate, determined: Identifiability) -> tuple[Undeter
         groups["redundant", ()] = [*(weak @ turn[:, no_effect]).T]
     for v in simplified(weak @ turn[:, ~no_effect]).T if not np.all(no_effect) else ():
         groups.setdefault(_cause(session, determined, v, possible), []).append(v)
-    by_cause = [
-        _described(session, determined, *cause, np.array(vectors).T) for cause, vectors in groups.items()
-    ]
+    each = ((cause, np.array(vectors).T) for cause, vectors in groups.items())
+    by_cause = [_described(session, determined, *cause, v) for cause, v in each]
     return tuple(sorted(by_cause, key=lambda u: -u.displacement))
 
 

@@ -220,11 +220,8 @@ BODY, THICK = 0.04, 5e-3
 """m, assumed: radius of a fixed camera, and half of the thickness of a board."""
 STRIPS = 6.0
 """Half of the width of a carried board over the radius of the capsules that contain it, where it is large."""
-OUT, STEEP, FAR = (
-    "the board not within the image",
-    f"the board seen at more than {np.degrees(STEEPEST):.0f} deg",
-    "camera and board too near or too far from each other",
-)
+OUT, FAR = "the board not within the image", "camera and board too near or too far from each other"
+STEEP = f"the board seen at more than {np.degrees(STEEPEST):.0f} deg"
 
 
 def size_of(t: Target) -> np.ndarray:

@@ -96,9 +96,8 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
     """
     map_ = {k: c for k, c in map_.items() if not c.optional or _is_there(c, k, log.header, log.width)}
     used = {k: _used(c, k, log.header, log.width, f"{log.name}: `{k}`") for k, c in map_.items()}
-    numeric = {
-        i for k, c in map_.items() if _is_sum(c) or not _is_text(k, c) for e in used[k] for i in e.columns
-    }
+    counted = [k for k, c in map_.items() if _is_sum(c) or not _is_text(k, c)]
+    numeric = {i for k in counted for e in used[k] for i in e.columns}
     numbers = _Numbers(log, _mark(log, numeric, decimal))
     cells: dict[str, np.ndarray] = {}
     said = dict(map_)

@@ -93,13 +93,10 @@ def unit_words(wrong: Suspicion, columns: Columns) -> str:
     noun = f"`{first}`" if first == last else f"`{first}` to `{last}`"
     unit = columns.unit(first) or UNITS["deg" if first.startswith("j") else "mm"]
     other = meant(unit, wrong.factor)
-    ratio = max(wrong.factor, 1 / wrong.factor)
-    return (
-        f"{noun} cannot be in {unit.name}: "
-        f"the numbers are {ratio:.0f} times too {'small' if wrong.factor > 1 else 'large'}; "
-        f"{f'in {other}' if other else 'corrected,'} they agree with the nominal arm "
-        f"within {1e3 * wrong.other:.2g} mm, in {unit.name} within {1e3 * wrong.stated:.0f} mm"
-    )
+    size = f"{max(wrong.factor, 1 / wrong.factor):.0f} times too {'small' if wrong.factor > 1 else 'large'}"
+    agree = f"{f'in {other}' if other else 'corrected,'} they agree with the nominal arm within"
+    within = f"{1e3 * wrong.other:.2g} mm, in {unit.name} within {1e3 * wrong.stated:.0f} mm"
+    return f"{noun} cannot be in {unit.name}: the numbers are {size}; {agree} {within}"
 
 
 def located_words(dataset: Dataset, loose: Loose) -> tuple[str, ...]:

@@ -27,10 +27,10 @@ QUANTITIES = table_beside(__file__, "quantities.toml")
 LARGEST = {name: of["largest"] for name, of in QUANTITIES["joints"].items()}
 LARGEST |= {"magnitude": 1e5, "temperature": 500.0, "payload": 1e5}
 """Larger values (SI) are corrupt."""
-MEASURED, AIDS = (
-    tuple(name for name, of in QUANTITIES["joints"].items() if flag in of) for flag in ("measured", "aid")
-)
-"""Where all of them are zero, a driver does not measure them; those read for constants, and not written."""
+MEASURED = tuple(name for name, of in QUANTITIES["joints"].items() if "measured" in of)
+"""Where all of them are zero, a driver does not measure them."""
+AIDS = tuple(name for name, of in QUANTITIES["joints"].items() if "aid" in of)
+"""Of each joint, read for constants and temperatures, not written."""
 TEXTS = ("motion", "role", "kind")
 OTHERS = (*SINGLE, *TEXTS)
 """What a row may have beside the joints: texts, and all of it."""
@@ -47,9 +47,8 @@ class Message:
 
 
 FORMATS = table_beside(__file__, "formats.toml")
-UR_RTDE, SERIAL, EFFORTS, LEROBOT, SAGE = (
-    FORMATS[key] for key in ("ur_rtde", "serial", "efforts", "lerobot", "sage")
-)
+UR_RTDE, SERIAL, EFFORTS = FORMATS["ur_rtde"], FORMATS["serial"], FORMATS["efforts"]
+LEROBOT, SAGE = FORMATS["lerobot"], FORMATS["sage"]
 MESSAGES = {kind: Message(**message) for kind, message in FORMATS["messages"].items()}
 """By type, the first that has all positions gives the rows. What the others are, says `formats.toml`."""
 

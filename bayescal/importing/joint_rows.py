@@ -173,7 +173,9 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     elif name == "files" and not length:
         labels, words = record.astype(str), "each file, bag or episode is a motion"
     elif name == "pause" and pause and float(pause[1]) > 0:
-        labels, words = _pauses(time, cells["position"], record, float(pause[1]))
+        least = float(pause[1])
+        labels = _pauses(time, cells["position"], record, least)
+        words = f"cut where all joints are slower than {MOVING:g} rad/s for {least:g} s or longer"
     else:
         what = "no column holds `motion`" if name == "column" else f"'{rule}' is not a rule for motions"
         raise BayescalError(what, "--motions", "write files, pause:2 s, or column (with `motion` mapped)")
@@ -247,17 +249,14 @@ def _named(
     moves = (np.abs(speeds(time, position, run)) > MOVING).any(axis=1)
     still = [n for n in sorted(again) if not moves[names == n].any()]
     kept = ~np.isin(names, still)
-    numbered = [
-        f"{n}-{k}" if (k := 1 + int((each[:i] == n).sum())) > 1 else str(n) for i, n in enumerate(each)
-    ]
+    times = [1 + int((each[:i] == n).sum()) for i, n in enumerate(each)]
+    numbered = [f"{n}-{k}" if k > 1 else str(n) for n, k in zip(each, times, strict=True)]
     words += ", and for each time that it returns"
     words += f"; {(~kept).sum()} rows of {listed(still)}, in which no joint moves, left out" if still else ""
     return np.array(numbered)[run], kept, words
 
 
-def _pauses(
-    time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: float
-) -> tuple[np.ndarray, str]:
+def _pauses(time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: float) -> np.ndarray:
     """Labels (N,) of motions: a record is cut in the middle of each longer time of rest that ends in it."""
     at_rest = (np.abs(speeds(time, position, record)) < MOVING).all(axis=1)
     label = np.zeros(len(time), int)
@@ -270,8 +269,7 @@ def _pauses(
                 # by time: rows may lack in the middle of it
                 label[rows[np.searchsorted(time[rows], 0.5 * (first + last))] :] += 1
         label[rows[-1] + 1 :] += 1
-    words = f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
-    return label.astype(str), words
+    return label.astype(str)
 
 
 def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:

@@ -205,7 +205,7 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
         For a file or a column that is not there, and lists of another length than the joints.
     """
     place = f"{folder.name}/{STATES}"
-    time, lists, scale = _listed(folder / STATES, SAGE, place)
+    time, lists, scale = _listed(folder / STATES, SAGE)
     lines = (folder / JOINTS).read_text("utf-8").splitlines() if (folder / JOINTS).is_file() else []
     names = [last for line in lines if (last := line.strip().rsplit("/", 1)[-1])]
     width = lists[SAGE["position"]].shape[1]
@@ -227,12 +227,11 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
         keep = (time >= begin) & (time <= end)
         notes.append(f"{int((~keep).sum())} rows before MOTION_START or after DISABLE left out")
     if (folder / CONTROL).is_file():
-        where = f"{folder.name}/{CONTROL}"
-        sent, commands, _ = _listed(folder / CONTROL, {"command": SAGE["position"]}, where)
+        sent, commands, _ = _listed(folder / CONTROL, {"command": SAGE["position"]})
         command = commands[SAGE["position"]]
         if command.shape[1] != width:
             what = f"{command.shape[1]} positions, {width} in {STATES}"
-            raise BayescalError(what, where, "give the files of one motion")
+            raise BayescalError(what, f"{folder.name}/{CONTROL}", "give the files of one motion")
         others = (Stream(CONTROL, sent, {"command": command[:, order]}, held=True),)
         notes.append(f"the command of a row is the last one sent before it ({CONTROL})")
     kept = {k: v[keep] for k, v in blocks.items()}
@@ -241,13 +240,11 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
     return Record(folder.name, rows, others, kind, torque="motor", notes=tuple(notes))
 
 
-def _listed(
-    path: Path, wanted: dict[str, str], place: str
-) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+def _listed(path: Path, wanted: dict[str, str]) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
     """Times (N,), s, lists (N, k) by column, and the factor to s, of a table whose cells are lists."""
     log = read_log(path, headed=True, cut=True)
     remedy = "expected are the columns timestamp, positions, ..., with lists of one length"
-    with refused_as("not a table of SAGE", place, remedy, ValueError):
+    with refused_as("not a table of SAGE", f"{path.parent.name}/{path.name}", remedy, ValueError):
         time = np.array([float(row[log.header.index("timestamp")]) for row in log.rows])
         index = {c: log.header.index(c) for c in wanted.values() if c in log.header}
         lists = {c: np.array([json.loads(row[k]) for row in log.rows], float) for c, k in index.items()}

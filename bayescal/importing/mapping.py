@@ -14,9 +14,8 @@ from bayescal.importing.units import CONVENTIONS, SPELLED, UNITS, Unit, listed, 
 from bayescal.robots.servos import STEP, Servo
 from bayescal.storage.files import read_document, stem_of, unknown
 
-DIMENSIONS, SLIDING, OF_UNIT, DATES = (
-    QUANTITIES[key] for key in ("dimensions", "sliding", "of_unit", "dates")
-)
+DIMENSIONS, SLIDING = QUANTITIES["dimensions"], QUANTITIES["sliding"]
+OF_UNIT, DATES = QUANTITIES["of_unit"], QUANTITIES["dates"]
 DAY = 86400.0
 """s."""
 

@@ -79,10 +79,8 @@ def role_note(dataset: Dataset) -> str:
     count = int((role == "validate").sum())
     if count:
         return f"validation measurements: {count} of {len(role)} rows, as stated"
-    return (
-        f"validation data: none, all {len(role)} rows are fitted; `--validate every:5` makes every fifth "
-        "stop a validation stop"
-    )
+    remedy = "`--validate every:5` makes every fifth stop a validation stop"
+    return f"validation data: none, all {len(role)} rows are fitted; {remedy}"
 
 
 @dataclass(frozen=True)

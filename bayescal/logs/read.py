@@ -22,7 +22,7 @@ from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Mechanism,
 from bayescal.robots import load_robot
 from bayescal.robots.schema import SIX
 from bayescal.storage.files import Document, check_schema, column_of, in_si, read_document, si
-from bayescal.storage.reading import LARGEST, check_inside, content_of, library
+from bayescal.storage.reading import LARGEST, check_inside, content_of, library, table_beside
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -30,15 +30,8 @@ if TYPE_CHECKING:
 GRAVITY = (0.0, 0.0, -9.80665)
 """m/s2, standard gravity (CGPM 1901)."""
 TABLES = ("motion.csv", "motion.csv.gz", "motion.parquet")
-PER_JOINT = {
-    "position": "q{}_deg",
-    "velocity": "dq{}_degps",
-    "command": "command{}_deg",
-    "link": "link{}_deg",
-    "torque": "torque{}_Nm",
-    "magnitude": "torque_magnitude{}_Nm",
-    "current": "current{}_A",
-}
+COLUMNS = table_beside(__file__, "columns.toml")
+PER_JOINT = {quantity: of["column"] for quantity, of in COLUMNS.items()}
 """Columns of each joint, numbered from 1, by the quantity that they hold."""
 MEASURED = ("time", "position", "velocity", "command", "torque", "link", "temperature", "payload")
 """Quantities of a `Motion`."""
@@ -47,8 +40,6 @@ VALIDATED = 5
 """One motion of so many is withheld, if the file does not state roles (assumed)."""
 ROWS = 100_000
 """Rows that are read at once."""
-LIMITS = {"position": 1e3, "velocity": 1e3, "command": 1e3, "link": 1e3, "torque": 1e6, "current": 1e5}
-"""rad, rad/s, N m, A: values beyond are corrupt."""
 
 
 def is_log(folder: Path) -> bool:
@@ -256,7 +247,7 @@ def _columns(table: DataFrame, n: int, name: str) -> dict[str, np.ndarray | None
         if missing:
             out[quantity] = None
             continue
-        limit = LIMITS.get(quantity, np.inf)
+        limit = COLUMNS[quantity]["largest"]
         out[quantity] = np.column_stack([_numbers(table, c, name) for c in names]) * si(names[0])
         why = f"beyond {limit / si(names[0]):g}, more than any arm has"
         _refuse(np.abs(out[quantity]) > limit, names, name, why)

@@ -90,9 +90,8 @@ def in_place_of_a_name(h: Hypothesis, hypotheses: Sequence[Hypothesis]) -> Hypot
         return h
     others = sorted(m.form.effect for m in h.members if m.form.effect != UNKNOWN)
     sets = {tuple(sorted(m.form.effect for m in o.members)): o.log_evidence for o in hypotheses}
-    explained = max(
-        (nats - sets[tuple(others)] for names, nats in sets.items() if _one_more(others, names)), default=0.0
-    )
+    more = [nats - sets[tuple(others)] for names, nats in sets.items() if _one_more(others, names)]
+    explained = max(more, default=0.0)
     return replace(h, log_evidence=h.log_evidence - SEARCH.instead * max(explained, 0.0))
 
 
@@ -194,9 +193,8 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
                 candidates += [_Event(float(gain[k]), p, k + order, pulse) for k in rows]
         chosen: list[_Event] = []
         for c in sorted(candidates, key=lambda c: -c.gain):
-            apart = all(
-                c.motion != o.motion or abs(c.row - o.row) > max(len(c.pulse), len(o.pulse)) for o in chosen
-            )
+            beside_it = (o for o in chosen if o.motion == c.motion)
+            apart = all(abs(c.row - o.row) > max(len(c.pulse), len(o.pulse)) for o in beside_it)
             if apart and len(chosen) < EVENTS.most:
                 chosen.append(c)
         # a single row that is off is a wrong reading

@@ -87,11 +87,9 @@ def _beside_gains(parts: tuple[Signals, ...]) -> np.ndarray:
     used = tuple(s for s in parts if s.role == CALIBRATE)
     rows, model = _rows(used), nominal(used[0].log, np.ones(used[0].log.n))
     asked = np.concatenate([s.unfiltered(model.load(s) + model.armature * s.ddq) for s in each(used)])
-    shares = [
-        np.linalg.lstsq(np.column_stack([of_joint[:, :-1], load]), of_joint[:, -1], rcond=None)[0][-1]
-        for of_joint, load in zip(rows.transpose(1, 0, 2), asked.T, strict=True)
-    ]
-    return np.array(shares)
+    of_joints = zip(rows.transpose(1, 0, 2), asked.T, strict=True)
+    problems = ((np.column_stack([x[:, :-1], load]), x[:, -1]) for x, load in of_joints)
+    return np.array([np.linalg.lstsq(x, y, rcond=None)[0][-1] for x, y in problems])
 
 
 def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
@@ -220,9 +218,8 @@ def with_torques(log: Log) -> Log:
     if control.damping is not None:  # is viscous friction where there are no torques
         m = replace(m, viscous=np.nan_to_num(m.viscous) + control.damping)
     step = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
-    motions = tuple(
-        replace(o, torque=stiffness * (o.command - o.position), velocity=None) for o in log.motions
-    )
+    torques = ((o, stiffness * (o.command - o.position)) for o in log.motions)
+    motions = tuple(replace(o, torque=torque, velocity=None) for o, torque in torques)
     return replace(
         log, motions=motions, mechanism=m, torque_kind=SERVO,
         controller=Controller(control.kind, stiffness, None, control.stiffness is not None),
@@ -259,9 +256,8 @@ def _stiffness(log: Log) -> tuple[np.ndarray, tuple[str, ...]]:
     if np.all(np.isnan(estimated)):
         what = "the stiffness of the servos does not follow from the log: no joint sags by gravity"
         raise BayescalError(what, log.name, "state `kp_Nm_per_rad`")
-    names = [
-        name for name, value in zip(log.mechanism.joint_names, estimated, strict=True) if np.isnan(value)
-    ]
+    every = zip(log.mechanism.joint_names, estimated, strict=True)
+    names = [name for name, value in every if np.isnan(value)]
     stiffness = np.where(np.isnan(estimated), np.nanmedian(estimated), estimated)
     text = ", ".join(f"{value:.3g}" for value in stiffness)
     note = f"; of {listed(names)}, which gravity does not load enough, the median is assumed" if names else ""

@@ -120,6 +120,8 @@ class MotionGap:
     tracking: Mapping[str, Tracking] | str = ""  # of arms nominal, model, effects; or why there is none
 
 
+Motions = Sequence[np.ndarray]
+"""Of each motion (N, n)."""
 TO_DO = tuple(table_beside(__file__, "to_do.toml").items())
 """Words in the name of a quantity, a regular expression, and what to log; the first counts."""
 
@@ -314,9 +316,7 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     return Shrinkage(rms(before), rms(after), expected, share, (low, high), gain, shown)
 
 
-def course(
-    pool: Pool, floor: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
-) -> Course:
+def course(pool: Pool, floor: np.ndarray, before: Motions, after: Motions) -> Course:
     """What is left in the validation motion with most error, at some of its rows."""
     size = np.where(floor > 0.0, floor, np.inf)  # of a joint that never moves it is not known
     k = int(np.argmax([np.nansum((x / size) ** 2) / len(x) for x in before]))

@@ -66,6 +66,7 @@ class TogetherSettings:
     """Share of its variance by the log that the session takes from a direction that counts (assumed)."""
 
 
+@dataclass(frozen=True)
 class ControllerSettings:
     """Estimate of a controller, and the replay of motions with it."""
 

@@ -49,11 +49,9 @@ class Ranges:
         self.angle = bounds([s.q for s in parts])  # (2, n)
         self.speed = bounds([s.dq for s in parts])
         self.time = bounds([s.time for s in parts])  # (2,)
-        by_role = grouped((s.role, s.time) for s in parts)
-        self.usual_times = {
-            role: np.mean(smooth(np.concatenate(times), self.time, CELLS.time_waves), axis=1)
-            for role, times in by_role.items()
-        }
+        times = grouped((s.role, s.time) for s in parts)
+        waves = {role: smooth(np.concatenate(x), self.time, CELLS.time_waves) for role, x in times.items()}
+        self.usual_times = {role: np.mean(x, axis=1) for role, x in waves.items()}
         count = min(len(parts), CELLS.groups)
         self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
         loads, powers = [], []

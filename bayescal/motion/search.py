@@ -235,9 +235,8 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
     score = np.array([h.score for h in hypotheses])
     weight = np.exp(score - logsumexp(score))
     effects = (NULL, UNKNOWN, *search.candidates)
-    probability = {
-        name: float(np.sum(weight[[name in (h.names or (NULL,)) for h in hypotheses]])) for name in effects
-    }
+    sets = [h.names or (NULL,) for h in hypotheses]
+    probability = {name: float(np.sum(weight[[name in names for names in sets]])) for name in effects}
     best = hypotheses[0]
     explained = _explained(best, hypotheses)
     sure = tuple(n for n in best.names if n != UNKNOWN and probability[n] >= VERDICT.sure)

@@ -184,9 +184,8 @@ DELAY = "delay"
 def delayed(values: Mapping[str, float], n: int) -> np.ndarray:
     """Times (n,), s, by which torques of joints are later, of the terms of the effect."""
     every = sum(v for name, v in values.items() if name.startswith(f"{DELAY} log "))
-    of_joint = [
-        sum(v for name, v in values.items() if name.startswith(f"{DELAY} joint {j + 1} ")) for j in range(n)
-    ]
+    starts = [f"{DELAY} joint {j + 1} " for j in range(n)]
+    of_joint = [sum(v for name, v in values.items() if name.startswith(start)) for start in starts]
     return every + np.array(of_joint, float)
 
 

@@ -160,10 +160,8 @@ def torque_delays(log: Log, even: Sequence[Uniform]) -> tuple[Delays, ...]:
     away = np.array([x / u for x, u in differences])
     if abs(away.sum()) <= AGREE * np.sqrt(len(away)):
         return tuple(every)
-    return tuple(
-        Delays(s.value, float(np.hypot(s.u, LEFT * (a.value - s.value))), a.pieces)
-        for a, s in zip(every, sliding, strict=True)
-    )
+    both = zip(every, sliding, strict=True)
+    return tuple(Delays(s.value, float(np.hypot(s.u, LEFT * (a.value - s.value))), a.pieces) for a, s in both)
 
 
 def _pieces(log: Log, even: Sequence[Uniform]) -> list[_Piece]:
@@ -189,10 +187,8 @@ def _piece(log: Log, motion: int, e: Uniform, part: slice, every: int) -> _Piece
     bodies = regressor(log.mechanism, q, v, a, log.gravity)
     carries = log.motions[motion].loaded
     way = np.tanh(v / REVERSAL)
-    joint_drivers = np.stack(
-        [a, way, way * np.sqrt(np.abs(v)), v, v * np.abs(v), np.abs(v), np.ones_like(v)], axis=2
-    )
-    parts = [bodies.reshape(*v.shape, -1), carries * bodies[:, :, -1], joint_drivers]
+    of_joint = [a, way, way * np.sqrt(np.abs(v)), v, v * np.abs(v), np.abs(v), np.ones_like(v)]
+    parts = [bodies.reshape(*v.shape, -1), carries * bodies[:, :, -1], np.stack(of_joint, axis=2)]
     low = butter(2, high, fs=1 / e.step, output="sos")
     drivers = sosfiltfilt(low, np.concatenate(parts, axis=2), axis=0)
     rows = np.arange(edge, len(q) - edge, every)

@@ -21,27 +21,13 @@ from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.storage import files
 from bayescal.storage.files import Document, Keys, Name, NotNegative, Number, Positive, Vector
+from bayescal.storage.reading import table_beside
 from bayescal.storage.writing import Block, block_lines, flow, in_file, number, row_keys, scalar
 
 SCHEMA = "bayescal-robot/1"
-OF_JOINTS = {
-    **{files.stem_of(key)[0]: (key, key) for key in ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg")},
-    "limits": ("limits_deg", "limits_mm"),
-    "velocities": ("max_velocity_degps", "max_velocity_mmps"),
-    "torques": ("max_torque_nm", "max_force_n"),
-    "compliance": ("", "compliance_um_per_n"),
-    "coulomb": ("coulomb_nm", ""),
-    "viscous": ("viscous_nms_per_rad", ""),
-    "armatures": ("armature_kgm2", ""),
-}
-"""Fields of a `Robot`, and the keys of revolute and of prismatic joints that fill them; "" if none does."""
-OF_LINKS = {
-    "masses": "mass_kg",
-    "centres_of_mass": "centre_of_mass_mm",
-    "radii": "radius_mm",
-    "inertias": "inertia_kgm2",
-}
-"""Fields of a `Robot`, and the keys of links that fill them."""
+KEYS = table_beside(__file__, "keys.toml")
+OF_JOINTS, OF_LINKS = KEYS["joints"], KEYS["links"]
+"""Fields of a `Robot`, and the keys that fill them: of a revolute and of a prismatic joint; of links."""
 SIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """Place of each element of an inertia in the six that are written."""
 SLIDING, ENDLESS = (("type", "prismatic"),), (("continuous", "true"),)
@@ -186,9 +172,8 @@ def robot_from(document: Document) -> Robot:
     for path, what, remedy in _faults(file, n):
         raise BayescalError(what, document.where(path), remedy)
     prismatic = np.array([joint.type == "prismatic" for joint in joints])
-    columns = {
-        field: files.column_of(joints, np.where(prismatic, *keys[::-1])) for field, keys in OF_JOINTS.items()
-    }
+    of_each = ((field, np.where(prismatic, *keys[::-1])) for field, keys in OF_JOINTS.items())
+    columns = {field: files.column_of(joints, keys) for field, keys in of_each}
     columns |= {field: files.column_of(links, [key] * len(links)) for field, key in OF_LINKS.items()}
     if (six := columns["inertias"]) is not None:
         columns["inertias"] = None if np.isnan(six).any() else six[:, SIX]

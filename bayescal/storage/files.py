@@ -19,12 +19,11 @@ from pydantic_core import PydanticCustomError
 
 from bayescal.errors import BayescalError, listed
 from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers, write_synchronised
-from bayescal.storage.reading import CONTROL, decoded, explained
+from bayescal.storage.reading import CONTROL, decoded, explained, table_beside
 from bayescal.storage.stopping import completed
 
-UNITS = {"mm": 1e-3, "mmps": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180, "um_per_n": 1e-6}
-UNITS |= dict.fromkeys(("rad", "kg", "nm", "n", "s", "c", "px", "degc", "mps2", "kgm2"), 1.0)
-UNITS |= dict.fromkeys(("rad_per_nm", "nms_per_rad", "nm_per_rad"), 1.0)
+_UNITS = table_beside(__file__, "units.toml")
+UNITS = {unit: factor for unit, (factor, _, _) in _UNITS.items()}
 """Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
 
 FOREIGN = ("m", "cm", "um", "in", "inch", "radps", "mrad", "urad", "g", "k", "ms", "ncm", "mnm")
@@ -54,12 +53,8 @@ MOST_VALUES = 100_000
 """Values of a YAML file, with those that its aliases repeat: a few lines can stand for 10^9."""
 LONGEST_KEY, LONGEST_TEXT = 200, 20_000
 """Characters of a key, and of a value."""
-MOST = {"rad": 1e4, "s": 1e12, "rad_per_nm": 1e3, "nm_per_rad": 1e9, "": 1e9}
-MOST |= dict.fromkeys(("mm", "mmps", "nm", "n"), 1e7)
-MOST |= dict.fromkeys(("deg", "degps", "kg", "mps2", "um_per_n", "kgm2", "nms_per_rad"), 1e6)
-RANGES = {unit: (-most, most) for unit, most in MOST.items()} | dict.fromkeys(("c", "degc"), (-273.15, 1e4))
-"""Numbers that are read, by the unit of their key. Beyond them no arm, instrument or clock is, and sums of
-squares lose all digits. (10 km, absolute zero, seconds since 1970.)"""
+RANGES = {unit: (float(low), float(high)) for unit, (_, low, high) in _UNITS.items()} | {"": (-1e9, 1e9)}
+"""Numbers that are read, by the unit of their key."""
 Path = tuple[str | int, ...]
 M = TypeVar("M", bound=BaseModel)
 

@@ -129,11 +129,8 @@ def _waves(content: Content) -> tuple[Wave, ...]:
     for p, value in content.driven("angle"):
         if p.driver.order:
             amplitudes.setdefault((p.site.number - 1, p.driver.order), {})[p.name.rpartition(" ")[2]] = value
-    return tuple(
-        Wave(joint, order, parts.get("sin", 0.0), parts.get("cos", 0.0))
-        for (joint, order), parts in amplitudes.items()
-        if any(parts.values())
-    )
+    waves = (Wave(*place, of.get("sin", 0.0), of.get("cos", 0.0)) for place, of in amplitudes.items())
+    return tuple(wave for wave in waves if wave.sine or wave.cosine)
 
 
 @dataclass(frozen=True)

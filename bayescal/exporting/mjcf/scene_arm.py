@@ -145,10 +145,8 @@ def _file_arm(model: Any, ids: tuple[int, ...]) -> FileArm:
     mj.mj_kinematics(model, data)
     pose = np.array([rigid(data.xmat[b].reshape(3, 3), data.xpos[b]) for b in range(model.nbody)])
     frames = np.array([pose[b] @ rigid(None, model.jnt_pos[j]) for b, j in zip(ids, addresses, strict=True)])
-    steps = [
-        np.linalg.inv(pose[before]) @ pose[int(model.body_parentid[b])]
-        for before, b in zip((0, *ids[:-1]), ids, strict=True)
-    ]
+    pairs = zip((0, *ids[:-1]), ids, strict=True)
+    steps = [np.linalg.inv(pose[before]) @ pose[int(model.body_parentid[b])] for before, b in pairs]
     names = tuple(model.joint(j).name for j in addresses)
     none = np.zeros(len(names), bool)
     return FileArm(names, frames, model.jnt_axis[addresses].copy(), np.array(steps), np.eye(4), none)

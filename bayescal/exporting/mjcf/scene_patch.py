@@ -104,11 +104,9 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
     after = scene_arm.compiled(text, path.parent, path.name)
     flange = others.get("body", {}).get("flange", "flange")
     _check(scene, after, flange)
-    notes += [
-        f"the file has a {kind} {name}: that of the arm is called {new}"
-        for kind, each in others.items()
-        for name, new in each.items()
-    ]
+    for kind, renamed in others.items():
+        for old, new in renamed.items():
+            notes.append(f"the file has a {kind} {old}: that of the arm is called {new}")
     links = [model.body(b).name for b in scene.arm.ids]
     carried = _carried(model, scene.arm)
     details = {
@@ -363,7 +361,7 @@ def _check(scene: Scene, after: Any, flange: str) -> None:
         theirs = where.root @ rigid(tip.xmat.reshape(3, 3), tip.xpos)
         off = max(off, float(np.max(np.abs(theirs - pose @ scene.machine.flange))))
     arm = {before.body(b).name for b in ids}
-    others = [before.body(b).name for b in range(1, before.nbody) if before.body(b).name not in arm | {""}]
+    others = [name for b in range(1, before.nbody) if (name := before.body(b).name) not in arm | {""}]
     same = after.ngeom == before.ngeom and all(
         np.allclose(getattr(before.body(name), key), getattr(after.body(name), key), rtol=1e-9, atol=1e-12)
         for name in others
