@@ -134,7 +134,7 @@ def export_log(folder: Path, record: Json, to: str) -> LogExport:
     names = {e["effect"] for e in effects}
     origin["terms"] = {name: x for name, x in values.items() if name.partition(" ")[0] in names}
     bam = to == "bam"
-    text = _bam(m, drives) if bam else text_of(m, to, gravity, drives.stiffness, drives.damping)
+    text = bam_of(m, drives) if bam else text_of(m, to, gravity, drives.stiffness, drives.damping)
     return LogExport(to, m.name, text, missing, effects, origin, drives.stiffness)
 
 
@@ -191,7 +191,7 @@ def text_of(
     return rendered(f"log_arm.{to}.j2", **fields)
 
 
-def _bam(m: Mechanism, d: Drives) -> str:
+def bam_of(m: Mechanism, d: Drives) -> str:
     """Drives by the friction models m1 and m5 of BAM (Duclusaud et al., ICRA 2025), one by joint name.
 
     kt, R and the name of the actuator do not follow from torques in N m: BAM takes those of the motor.

@@ -14,7 +14,7 @@ from motion.made import RATE, inverse, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import FORMATS, LogExport, drives_of, export_log, text_of
+from bayescal.exporting.log_arm import FORMATS, LogExport, bam_of, drives_of, export_log, text_of
 from bayescal.exporting.written import mujoco
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm, arm_text
@@ -221,7 +221,7 @@ def test_the_budget_of_bam_is_the_torque_of_the_effects():
         written_out(Arm.model_validate({"joints": [JOINT]}), "one"), armature=np.array([0.1]),
         coulomb=np.array([0.5]), viscous=np.array([0.2]),
     )  # fmt: skip
-    p = json.loads(FORMATS["bam"].write(m, np.zeros(3), d))["J"]
+    p = json.loads(bam_of(m, d))["J"]
     speed, motor, external = 0.05, 1.4, -2.0
     rise = np.exp(-((abs(speed) / p["dtheta_stribeck"]) ** p["alpha"]))
     load = abs(external * p["load_friction_external"] - motor * p["load_friction_motor"])
