@@ -160,7 +160,7 @@ LEVEL = 0.005
 """Chance that outliers dealt at random are said to share a cause; each kind of group has its share of it."""
 PERMUTATIONS = 2000
 FIRST = 200
-"""Permutations at a time, after each of which a session that is far from `LEVEL` is let go."""
+"""Permutations at a time, after each of which a session that will hardly reach `LEVEL` is let go."""
 FEWEST = 3
 """Stops with rejected measurements from which on these can be said to share anything."""
 MOST_VALUES = 4_000_000
@@ -249,7 +249,7 @@ def shared(
         # groups of one kind overlap (minimum over them); kinds share the level (Bonferroni)
         as_small = np.sum(least[of_kind] <= observed[:, None] + 1e-9, axis=1)
         p = len(kinds) * (1 + as_small) / (1 + least.shape[1])
-        if np.min(p) > 20 * LEVEL:
+        if np.min(p) > 20 * LEVEL or len(kinds) * (1 + np.min(as_small)) > LEVEL * (1 + PERMUTATIONS):
             return ()
     out: dict[str, SharedCause] = {}
     explained = np.empty(0, int)  # rejected measurements of the causes so far

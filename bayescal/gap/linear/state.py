@@ -13,6 +13,9 @@ from bayescal.estimate.solver import factored, halved, solved
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.settings import LINEAR
 
+SAME_NOISE = 0.02
+"""Relative difference of noise scales up to which the same measurements are outliers (cost)."""
+
 
 @dataclass(frozen=True)
 class State:
@@ -83,16 +86,15 @@ class _Normal:
         self.contacts = of_contacts
         self.pull = np.concatenate([p.z, np.zeros(len(columns))])
         self.fixed = np.eye(self.x.shape[1]) + of_constraints.T @ of_constraints
+        self.root = np.tril(factored(self.fixed))
         self.push = of_constraints.T @ p.residual[p.count :] + self.pull
         self.gram, self.score = np.zeros_like(self.fixed), np.zeros(len(self.pull))
         self.weight = np.zeros(p.count)  # the row weights of these two
         # rows that are worth less than 1 have a larger covariance in proportion
         self.unit = (np.sqrt(p.base)[:, None] * self.x)[: p.count].T
 
-    def solve(
-        self, weight: np.ndarray, kappa: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Step (D + k,), residuals (R,) there, information of the contacts, and Cholesky factor of all."""
+    def solve(self, weight: np.ndarray, kappa: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Step (D + k,), residuals (R,) there, and Cholesky factor of the information."""
         p = self.problem
         weight = weight[: p.count]
         changed = np.flatnonzero(weight != self.weight)
@@ -106,10 +108,13 @@ class _Normal:
             half = self.contacts * root[:, None]
             self.gram, self.score = half.T @ half, half.T @ (root * p.residual[: p.count])
         self.weight = weight.copy()
-        information = self.gram / kappa**2
-        factor = factored(information + self.fixed)
+        factor = factored(self.gram / kappa**2 + self.fixed)
         step = -solved(factor, self.score / kappa**2 + self.push)
-        return step, p.residual + self.x @ step, information, factor
+        return step, p.residual + self.x @ step, factor
+
+    def taken(self, factor: np.ndarray) -> float:
+        """Degrees of freedom that contacts take up: the trace of the covariance times their information."""
+        return len(self.root) - float(np.sum(halved(factor, self.root) ** 2))
 
     def judged(self, r: np.ndarray, weight: np.ndarray, kappa: float, factor: np.ndarray) -> Judged:
         """All contacts with their leverage in the fit."""
@@ -145,26 +150,30 @@ def fit_state(
     weight, kappa = base.copy() if start is None else np.where(start > 0, base, 0.0), 1.0
     if robust and start is None:
         weight, kappa = _student(normal, weight)
+    judged_at = 0.0  # the noise scale at which outliers were judged with these row weights
     for _ in range(LINEAR.rounds):
-        _, r, information, factor = normal.solve(weight, kappa)
+        _, r, factor = normal.solve(weight, kappa)
         chi2, kept = float(np.sum(weight[:count] * r[:count] ** 2)), float(np.sum(weight[:count]))
-        old = weight.copy()
-        if robust:
-            judged = normal.judged(r, weight, kappa, factor)
-            effective_dof = float(judged.weight @ judged.taken)
+        effective_dof = normal.taken(factor)
+        dof = max(kept - effective_dof, 0.0) + STATED_WORTH
+        before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
+        change = abs(np.log(kappa / before))
+        # leverages take most of the time: at about the right noise scale, and then where it has moved
+        if robust and change < SAME_NOISE and abs(kappa - judged_at) > SAME_NOISE * kappa:
+            old, judged_at = weight.copy(), kappa
+            judged = normal.judged(r, weight, before, factor)
             for rows, good in zip(p.by_size, np.split(~judged.outliers(), ends), strict=True):
                 used = good if p.sharing is None else good | p.sharing[p.contact[rows[:, 0]]]
                 weight[rows] = used[:, None] * base[rows]
-        else:
-            effective_dof = float(np.trace(solved(factor, information)))
-        dof = max(kept - effective_dof, 0.0) + STATED_WORTH
-        before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
-        if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
+            if not np.array_equal(old, weight):
+                judged_at = 0.0
+                continue
+        if change < 1e-4:
             break
-    step, r, information, factor = normal.solve(weight, kappa)
+    step, r, factor = normal.solve(weight, kappa)
     chi2, kept = float(np.sum(weight[:count] * r[:count] ** 2)), float(np.sum(weight[:count]))
     covariance = solved(factor, np.eye(len(step)))
-    effective_dof = float(np.sum(covariance * information))
+    effective_dof = normal.taken(factor)
     z = normal.pull + step
     lost = np.unique(p.contact[weight[:count] == 0])
     log_evidence = (
@@ -183,12 +192,11 @@ def _student(normal: _Normal, weight: np.ndarray) -> tuple[np.ndarray, float]:
     p, kappa, weight = normal.problem, 1.0, weight.copy()
     size = np.bincount(p.contact)
     for k in range(LINEAR.rounds):
-        _, r, information, factor = normal.solve(weight, kappa)
+        _, r, factor = normal.solve(weight, kappa)
         square = np.bincount(p.contact, r[: p.count] ** 2)
-        taken = float(np.trace(solved(factor, information)))
-        before, kappa = kappa, scale(square, size, taken)
+        before, kappa = kappa, scale(square, size, normal.taken(factor))
         weight[: p.count] = p.base[: p.count] * student_weights(square, size, kappa)[p.contact]
-        if k > 2 and abs(np.log(kappa / before)) < 3e-3:
+        if k > 2 and abs(np.log(kappa / before)) < 1e-2:
             break
     return weight, kappa
 

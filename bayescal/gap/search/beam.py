@@ -233,19 +233,19 @@ class Search:
         The gains of `additions` hold for the noise and the row weights without the effect: for a large effect
         they misjudge how well a variant fits what is left.
         """
-        fits = dict[Member, State]()
+        fits = {replace(best.members[-1], averaging=0.0): best.state}
 
         def fit(members: Sequence[Member]) -> None:
             for m in members:
                 if m not in fits:
-                    fits[m] = self.hypothesis((*base.members, m), (None, best.state.weight)).state
+                    fits[m] = self.hypothesis((*base.members, m), (best.state.weight,)).state
 
         def weight(m: Member) -> float:
             """Log evidence of a variant and scale, with their prior within the effect."""
             nearest = int(np.argmin(np.abs(np.log(SCALES / m.scale))))
             return fits[m].log_evidence + m.variant.log_prior + float(SCALE_PRIOR[nearest])
 
-        fit((replace(best.members[-1], averaging=0.0), *others))
+        fit(others)
         lead = max(fits, key=weight)
         nearest = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
         beside = [float(SCALES[k]) for k in (nearest - 1, nearest + 1) if 0 <= k < len(SCALES)]

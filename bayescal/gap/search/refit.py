@@ -5,8 +5,9 @@ Screening of wide scans: only the settings that explain most become candidates.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 
 import numpy as np
@@ -20,6 +21,7 @@ from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, with_own_settings
+from bayescal.gap.search.unknown import MOST_ROWS
 from bayescal.gap.settings import SEARCH
 from bayescal.model.options import USUAL, FitOptions, Part
 from bayescal.statistics import grouped
@@ -120,14 +122,24 @@ def screening(
     """
     assert effect.scan is not None
     values = effect.scan.values(c)
-    by_state = _screen(effect, values, slopes, states, c)
+    few = effect.scan.by_site and len(slopes.residual) <= MOST_ROWS  # else made anew for each site
+
+    def banks(some: np.ndarray) -> Iterable[Screened]:
+        made = _banks(effect, some, slopes, states[0].problem, c)
+        return list(made) if few else made
+
+    parts = banks(values)
+    by_state = _screen(parts, states)
     leading = _leading(by_state, most)
     more = np.concatenate([np.empty(0), *(effect.scan.beside(c, value) for value in leading)])
     if len(more := np.setdiff1d(more, values)):
-        near = _screen(effect, more, slopes, states, c)
-        by_state = [[*a, *b] for a, b in zip(by_state, near, strict=True)]
-        leading = _leading(by_state, most)
-    singles = _one_by_one(effect, slopes, states[0], c, by_state) if effect.scan.by_site else []
+        further = banks(more)
+        by_state = [[*a, *b] for a, b in zip(by_state, _screen(further, states), strict=True)]
+        leading, values, parts = _leading(by_state, most), np.append(values, more), (*parts, *further)
+    singles = list[Single]()
+    if effect.scan.by_site:
+        screen = partial(_screen, parts) if few else lambda of: _screen(banks(values), of)
+        singles = _one_by_one(effect, slopes, states[0], c, by_state, screen)
     settings = frozenset((*leading, *(one.setting for one in singles)))
     return Screening(settings, (tuple(singles),), len(by_state[0]))
 
@@ -153,19 +165,27 @@ def _leading(by_state: Sequence[Sequence[Single]], most: int) -> list[float]:
     return sorted(best, key=lambda value: -best[value])[:most]
 
 
-def _screen(
-    effect: Effect, values: np.ndarray, slopes: Slopes, states: Sequence[State], c: Circumstances
-) -> list[list[Single]]:
-    """Settings of a scan at every site, by each driver, over each of several states."""
-    out = [list[Single]() for _ in states]
+Screened = tuple[Mapping[Single, Sequence[int]], Bank]
+"""Settings at their sites, and the bank whose sets are their columns, in order."""
+
+
+def _banks(
+    effect: Effect, values: np.ndarray, slopes: Slopes, p: Problem, c: Circumstances
+) -> Iterator[Screened]:
+    """Settings of a scan at every site, by each driver, a few at a time."""
     for first in range(0, len(values), SEARCH.chunk):
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
         columns, seen = slopes.columns([p for _, p in every]), unaliased([p for _, p in every], c)
         singles = [Single(value, q.site, q.driver) for value, q in every]
         groups = grouped((one, k) for k, one in enumerate(singles) if seen[k])
-        p, sets = states[0].problem, tuple(map(np.array, groups.values()))
-        bank = Bank(columns, sets, p.count, p.worth, p.jacobian)
+        yield groups, Bank(columns, tuple(map(np.array, groups.values())), p.count, p.worth, p.jacobian)
+
+
+def _screen(parts: Iterable[Screened], states: Sequence[State]) -> list[list[Single]]:
+    """Gains of settings over each of several states."""
+    out = [list[Single]() for _ in states]
+    for groups, bank in parts:
         for state, of_state in zip(states, out, strict=True):
             nats = weigh_sets(state, bank) + SCALE_PRIOR
             gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
@@ -187,13 +207,18 @@ def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust
 
 
 def _one_by_one(
-    effect: Effect, slopes: Slopes, state: State, c: Circumstances, by_state: Sequence[Sequence[Single]]
+    effect: Effect,
+    slopes: Slopes,
+    state: State,
+    c: Circumstances,
+    by_state: Sequence[Sequence[Single]],
+    screen: Callable[[Sequence[State]], list[list[Single]]],
 ) -> list[Single]:
     """The leading setting of each site, the largest gain first, each over states with those before it.
 
-    `by_state` are the gains over the first states. A site whose gain does not exceed the logarithm of the
-    number of settings that were tried has none. A site may have as many as the scan's `several`, each `apart`
-    from the others.
+    `by_state` are the gains over the first states, `screen` makes those over others. A site whose gain does
+    not exceed the logarithm of the number of settings that were tried has none. A site may have as many as
+    the scan's `several`, each `apart` from the others.
     """
     assert effect.scan is not None
     scan, out = effect.scan, list[Single]()
@@ -201,7 +226,6 @@ def _one_by_one(
     def apart(one: Single, other: Single) -> bool:
         return scan.apart(c, (one.site, one.setting), (other.site, other.setting))
 
-    values = np.unique([one.setting for one in by_state[0]])
     while len(out) < max(effect.scan.several, len({one.site for one in by_state[0]})):
         sites = [single.site for single in out]
         tried = [one for every in by_state for one in every]
@@ -221,5 +245,5 @@ def _one_by_one(
             np.append(state.scales, np.full(size, best.scale)),
             state.robust,
         )
-        state, by_state = states[0], _screen(effect, values, slopes, states, c)
+        state, by_state = states[0], screen(states)
     return out

@@ -150,7 +150,9 @@ def cell_fits(state: State, pool: Pool) -> list[CellFit]:
 def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = None) -> CellFit:
     """A cell with its gain by fits of its best set, scale by scale."""
     wide = _with_columns(state, pool.columns[:, pool.sets[f.best]])
-    nats = np.array([_fitted(wide, state, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
+    best = _fitted(wide, state, f.scale, start)  # its outliers are those of the other scales at first
+    others = (best if s == f.scale else _fitted(wide, state, s, best.weight) for s in SCALES)
+    nats = np.array([fit.log_evidence for fit in others]) + SCALE_PRIOR
     gain = float(log_sum(nats) - state.log_evidence - np.log(np.sum(pool.owner == f.cell)))
     unseen = unseen_share(f.unseen, f.gain, gain)
     return replace(f, gain=gain, scale=float(SCALES[int(np.argmax(nats))]), unseen=unseen)
