@@ -1,7 +1,7 @@
 """Tables of cases and texts of files that tests read: they are data, in `tests/data`, a file for each."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import pytest
 import yaml
 from rich.console import Console
 
+from bayescal.errors import BayescalError
 from bayescal.reporting import figures as process
 
 ROOT = Path(__file__).parents[1]
@@ -50,6 +51,12 @@ def drawn(really: bool = True) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process, "figures_of", FIGURES_OF if really else undrawn)
         yield
+
+
+def refused(words: str, call: Callable[[], Any]) -> None:
+    """Call what must be refused, with words that a regular expression finds."""
+    with pytest.raises(BayescalError, match=words):
+        call()
 
 
 def terminal_text(what: Any, width: int = 100) -> str:

@@ -21,8 +21,9 @@ def in_loops(function: Callable) -> frozenset[int]:
     def visit(node: ast.AST, inside: bool) -> None:
         nonlocal free
         for child in ast.iter_child_nodes(node):
-            name = child.func.attr if isinstance(child, ast.Call) and hasattr(child.func, "attr") else ""
-            if isinstance(child, ast.Assert) or name.startswith(ASSERTING):
+            called = getattr(child, "func", None)  # of a call
+            refused = getattr(called, "id", "") == "refused"
+            if isinstance(child, ast.Assert) or refused or getattr(called, "attr", "").startswith(ASSERTING):
                 lines.add(first + child.lineno - 1)
                 free |= not inside
             visit(child, inside or isinstance(child, ast.For | ast.While))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import refused
 from loops import asserting, in_loops
 
 
@@ -9,6 +10,11 @@ def looped(values):
     for value in values:
         assert value
         np.testing.assert_allclose(value, 1.0)
+
+
+def refusing(calls):
+    for call in calls:
+        refused("words", call)
 
 
 def free(values):
@@ -20,7 +26,7 @@ def free(values):
 
 def test_empty_loops_are_a_failure():
     assert in_loops(free) == set()
-    assert len(in_loops(looped)) == 2
+    assert (len(in_loops(looped)), len(in_loops(refusing))) == (2, 1)
     for function, values in ((free, []), (looped, [1.0])):
         asserting(function, lambda function=function, values=values: function(values))
     with pytest.raises(pytest.fail.Exception, match="no assertion of looped"):

@@ -7,6 +7,7 @@ from datetime import date, timedelta
 
 import numpy as np
 import pytest
+from cases import refused
 from influences import check_written
 
 import bayescal as bc
@@ -144,8 +145,7 @@ def test_an_order_is_a_time(runs):
     assert not [note for note in record["notes"] if "left out" in note]
     record = bc.history(runs, order="run-2,run-0").record
     assert "--order does not name run-1: left out" in record["notes"]
-    with pytest.raises(BayescalError, match="no run folder `run-9`"):
-        bc.history(runs, order=["run-9"])
+    refused("no run folder `run-9`", lambda: bc.history(runs, order=["run-9"]))
 
 
 def test_the_time_to_a_limit_by_a_drift(runs):
@@ -197,12 +197,10 @@ def test_a_drift_that_the_last_run_does_not_have_is_not_in_the_time_to_the_limit
 
 
 def test_runs_of_another_arm_and_folders_without_runs_are_refused(runs, tmp_path):
-    with pytest.raises(BayescalError, match="no run folders"):
-        bc.history(tmp_path)
+    refused("no run folders", lambda: bc.history(tmp_path))
     one = read_arm(runs / "run-0")
     entries = [module.Entry(f"r{k}", one, "") for k in range(2)]
-    with pytest.raises(BayescalError, match="two sessions"):
-        module._ordered(entries, (), tmp_path)
+    refused("two sessions", lambda: module._ordered(entries, (), tmp_path))
     fewer = replace(one, values=one.values[:1])
     three = [module.Entry(f"{len(arm.values)}", arm, "") for arm in (one, fewer, read_arm(runs / "run-1"))]
     kept = [e for e in module._ordered(three, (), tmp_path)[0] if e.folder == "1"]

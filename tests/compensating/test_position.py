@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import robot_file
+from cases import refused, robot_file
 from compensate_arms import arm_with
 
 import bayescal as bc
@@ -175,8 +175,7 @@ def test_a_tool_of_the_dataset_that_no_row_uses(arm, readings):
     extra = found.uncertain.covariance - same.uncertain.covariance
     np.testing.assert_allclose(extra, np.broadcast_to(1e-8 * np.eye(3), extra.shape), atol=1e-12)
     assert found.inside.tolist() == positions(arm, readings).inside.tolist()
-    with pytest.raises(BayescalError, match="--tool: the session has several tools"):
-        positions(both, readings)
+    refused("--tool: the session has several tools", lambda: positions(both, readings))
 
 
 def test_the_covariance_is_along_the_axes_of_the_frame(arm, readings, monkeypatch):
@@ -208,16 +207,14 @@ def test_direction_of_motion_and_load(fitted, arm, readings):
     for wrong in (readings[:, :5], np.full(6, np.nan)):
         with pytest.raises(BayescalError, match="readings: readings of shape"):
             fitted.position(wrong)
-    with pytest.raises(BayescalError, match="another shape than the readings"):
-        fitted.position(readings, payload_kg=[1.0, 2.0])
+    refused("another shape than the readings", lambda: fitted.position(readings, payload_kg=[1.0, 2.0]))
 
 
 def test_an_arm_that_must_not_be_used(arm, readings):
     class Result(Positioned):
         _arm = replace(arm, use=Use(("it rests on its priors",), ("verdict: not validated",)))
 
-    with pytest.raises(BayescalError, match="not used: it rests on its priors"):
-        Result().position(readings)
+    refused("not used: it rests on its priors", lambda: Result().position(readings))
     text = str(Result().position(readings, force=True)).splitlines()
     assert text[:2] == ["warning: not to be used: it rests on its priors", "warning: verdict: not validated"]
 
@@ -410,8 +407,7 @@ def test_frame_of_an_instrument(tracker):
     there = np.linalg.inv(stand.fitted) @ np.append(at.points[0], 1.0)
     np.testing.assert_allclose(there[:3], pose[:3, 3], atol=1.1e-8)
     np.testing.assert_allclose(stand.nominal @ found.pose, poses_of(arm, found.readings[None])[0], atol=1e-12)
-    with pytest.raises(BayescalError, match="there is no such target; known: base, "):
-        frame_of(arm, "table")
+    refused("there is no such target; known: base, ", lambda: frame_of(arm, "table"))
 
 
 def test_a_plane_has_no_frame(solved_arm):
@@ -419,8 +415,7 @@ def test_a_plane_has_no_frame(solved_arm):
     with pytest.raises(BayescalError, match="did not locate this target") as caught:
         frame_of(replace(solved_arm, states=states), "cube.-y")
     assert caught.value.remedy == "give one of: base"  # of the faces none
-    with pytest.raises(BayescalError, match="a plane has no frame"):
-        frame_of(solved_arm, "cube.+z")
+    refused("a plane has no frame", lambda: frame_of(solved_arm, "cube.+z"))
 
 
 def test_the_tool_must_be_named_if_there_are_several(solved_arm):

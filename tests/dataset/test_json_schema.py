@@ -7,7 +7,7 @@ import foreign
 import jsonschema
 import pytest
 import yaml
-from cases import ROOT, cases
+from cases import ROOT, cases, refused
 from tiny_dataset import SETTINGS
 
 import bayescal as bc
@@ -15,7 +15,6 @@ from bayescal.dataset import schema, session, solids
 from bayescal.dataset.schema import CERTIFICATES, entry_of
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.errors import BayescalError
 from bayescal.preparing.artefacts import MODELS, UNITS, schema_text
 from bayescal.robots import schema as of_robots
 from bayescal.storage.files import stem_of
@@ -61,8 +60,7 @@ def test_the_stored_schema_is_current(name):
 
 
 def test_there_is_no_other_schema():
-    with pytest.raises(BayescalError, match="no schema `urdf`"):
-        bc.schema("urdf")
+    refused("no schema `urdf`", lambda: bc.schema("urdf"))
 
 
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda p: p.stem)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from cases import refused
 
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert
@@ -52,8 +53,7 @@ def test_zeros_of_two_calibrations(file):
 def test_names_of_another_robot_follow_the_ids(file):
     servos = of_joints(reversed(read_calibration(file)), ("1", "2", "3", "4", "5"), file.name)
     assert [s.name for s in servos] == list(JOINTS)
-    with pytest.raises(BayescalError, match="those of the robot"):
-        of_joints(servos, ("J1", "J2"), file.name)
+    refused("those of the robot", lambda: of_joints(servos, ("J1", "J2"), file.name))
 
 
 ENTRY = {"id": 1, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 9}
@@ -70,14 +70,12 @@ ENTRY = {"id": 1, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_ma
 )
 def test_other_files_are_refused(tmp_path, content, words):
     (tmp_path / "c.json").write_text(json.dumps(content))
-    with pytest.raises(BayescalError, match=words):
-        read_calibration(tmp_path / "c.json")
+    refused(words, lambda: read_calibration(tmp_path / "c.json"))
 
 
 def test_inverted_servos_are_not_guessed(file):
     servo = type(s := read_calibration(file)[0])(s.name, 1, 1, 0, 100, 3000)
-    with pytest.raises(BayescalError, match="drive_mode 1"):
-        angles(np.zeros((1, 1)), "normalised", [servo])
+    refused("drive_mode 1", lambda: angles(np.zeros((1, 1)), "normalised", [servo]))
 
 
 def table(path, steps):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from cases import terminal_text
+from cases import refused, terminal_text
 from influences import check_written
 from motion.made import ARM, RATE, SECONDS, inverse, model_of, path, read_commands, truth, write
 
@@ -299,26 +299,18 @@ def test_a_run_folder_is_read_back(gaps, tmp_path):
 def test_a_log_without_signed_torques_is_not_assessed(null_log):
     log = read_log(null_log)
     bare = replace(log, motions=tuple(replace(m, torque=None) for m in log.motions))
-    with pytest.raises(BayescalError, match="no torques are logged"):
-        diagnose(bare)
-    with pytest.raises(BayescalError, match="torques have no sign"):
-        diagnose(replace(bare, signed=False))
+    refused("no torques are logged", lambda: diagnose(bare))
+    refused("torques have no sign", lambda: diagnose(replace(bare, signed=False)))
     fitted_only = replace(log, motions=log.of_role("calibrate"))
-    with pytest.raises(BayescalError, match="no motion has the role validate"):
-        diagnose(fitted_only)
+    refused("no motion has the role validate", lambda: diagnose(fitted_only))
 
 
 def test_options_of_contacts_are_refused(null_log):
-    with pytest.raises(BayescalError, match="--prior-width"):
-        bc.diagnose(null_log, prior_width=2.0)
-    with pytest.raises(BayescalError, match="--model"):
-        bc.diagnose(null_log, "geometry")
-    with pytest.raises(BayescalError, match="one joint log at a time"):
-        bc.diagnose([null_log, null_log])
-    with pytest.raises(BayescalError, match="only `fit` takes it beside a session"):
-        bc.diagnose([null_log, null_log.parent])
-    with pytest.raises(BayescalError, match="is that of a joint log"):
-        bc.compare(null_log)
+    refused("--prior-width", lambda: bc.diagnose(null_log, prior_width=2.0))
+    refused("--model", lambda: bc.diagnose(null_log, "geometry"))
+    refused("one joint log at a time", lambda: bc.diagnose([null_log, null_log]))
+    refused("only `fit` takes it beside a session", lambda: bc.diagnose([null_log, null_log.parent]))
+    refused("is that of a joint log", lambda: bc.compare(null_log))
 
 
 IN_JOINT = {"bump": 3, "load_friction": 2}

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import EXAMPLE, cases
+from cases import EXAMPLE, cases, refused
 from segments import distances
 from sessions import of_targets
 
@@ -102,8 +102,7 @@ def test_groups_that_pairs_connect():
 
 def test_a_face_without_an_extent_is_refused_and_can_be_stated(example):
     dataset = of_targets(bare(example), "cube.-x")
-    with pytest.raises(BayescalError, match=r"`cube.-x` can be probed is not known.*size_mm: \[width, h"):
-        regions_of(dataset)
+    refused(r"`cube.-x` can be probed is not known.*size_mm: \[width, h", lambda: regions_of(dataset))
     patch = Patch(np.array([0.3357, 0.02, 0.1]), np.array([0.2, 0.1]))
     region = regions_of(replace(dataset, plan=PlanSettings(regions={"cube.-x": patch})))["cube.-x"]
     assert np.allclose(region.centre, patch.centre)
@@ -174,15 +173,11 @@ def test_a_kind_without_a_plan_is_refused(example, monkeypatch):
 def test_a_missing_noise_or_ball_is_refused(tmp_path):
     text = (EXAMPLE / "dataset.yaml").read_text()
     (tmp_path / "dataset.yaml").write_text(text.replace("contact_mm: 0.005", "point_mm: 0.005"))
-    with pytest.raises(BayescalError, match=r"no noise of a contact .*`noise: \{contact_mm"):
-        read_setup(tmp_path)
+    refused(r"no noise of a contact .*`noise: \{contact_mm", lambda: read_setup(tmp_path))
     (tmp_path / "dataset.yaml").write_text(text.replace("ball_radius_mm: 3, ", ""))
-    with pytest.raises(BayescalError, match="no tool has a ball"):
-        read_setup(tmp_path)
-    with pytest.raises(BayescalError, match="no such folder"):
-        read_setup(tmp_path / "nowhere")
-    with pytest.raises(BayescalError, match="give the folder"):
-        read_setup(tmp_path / "dataset.yaml")
+    refused("no tool has a ball", lambda: read_setup(tmp_path))
+    refused("no such folder", lambda: read_setup(tmp_path / "nowhere"))
+    refused("give the folder", lambda: read_setup(tmp_path / "dataset.yaml"))
 
 
 def test_distances_of_planes_do_not_validate(example):

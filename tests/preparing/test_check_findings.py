@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import ROOT, cases
+from cases import ROOT, cases, refused
 from typer.testing import CliRunner
 
 import bayescal as bc
@@ -17,7 +17,6 @@ from bayescal.dataset.consistency import copies
 from bayescal.dataset.join import joined
 from bayescal.dataset.read import read_parts
 from bayescal.dataset.schema import NoiseEntry
-from bayescal.errors import BayescalError
 from bayescal.preparing.check import check, check_record, odd
 from bayescal.preparing.missing import _roles
 
@@ -229,8 +228,7 @@ def test_where_is_the_line_and_the_id(tmp_path, good):
 
 
 def test_what_cannot_be_read_is_refused(tmp_path, good):
-    with pytest.raises(BayescalError, match="is given twice"):
-        found(tmp_path, good[0], [*good[1], good[1][0]])
+    refused("is given twice", lambda: found(tmp_path, good[0], [*good[1], good[1][0]]))
 
 
 def test_effects_that_need_a_column(tmp_path, good):

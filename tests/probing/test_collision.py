@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import EXAMPLE, file_text
+from cases import EXAMPLE, file_text, refused
 from rails import rail_session
 from segments import distances
 
@@ -12,7 +12,6 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Tool, read_dataset
-from bayescal.errors import BayescalError
 from bayescal.probing.bodies import PASSING, arm_capsules, link_radii
 from bayescal.probing.clearance import Clearance, path_free, retracted
 from bayescal.probing.motions import CLEAR
@@ -372,8 +371,7 @@ def test_a_stated_radius_replaces_the_assumed_one(tmp_path):
 @pytest.mark.parametrize("radius", ["0", "-5", "wide", ".nan"])
 def test_a_radius_that_cannot_be_is_refused(radius, tmp_path):
     (tmp_path / "robot.yaml").write_text(STANDARD.replace("123", radius), encoding="utf-8")
-    with pytest.raises(BayescalError, match="radius_mm"):
-        load_robot("robot.yaml", tmp_path)
+    refused("radius_mm", lambda: load_robot("robot.yaml", tmp_path))
 
 
 def test_the_tool_ends_in_a_thin_stylus():

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from cases import ROOT
+from cases import ROOT, refused
 
 import bayescal as bc
 from analysis.fleet_study import probed as probed_session
@@ -203,8 +203,7 @@ def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path, usual_draw
     [("(", "no regular expression"), ("x", "not in the name of"), ("none.csv", "none.csv")],
 )
 def test_arms_that_cannot_be_told(folder, tmp_path, arm, message):
-    with pytest.raises(BayescalError, match=message):
-        bc.fleet([folder / "sessions"], tmp_path / "out", arm=arm)
+    refused(message, lambda: bc.fleet([folder / "sessions"], tmp_path / "out", arm=arm))
     assert not (tmp_path / "out").exists()
 
 
@@ -221,15 +220,12 @@ def test_arms_are_told_alike_by_an_expression_and_by_a_table(tmp_path):
 
 def test_a_folder_of_others_is_refused(folder, tmp_path, thread_of_dask):
     (tmp_path / "mine").write_text("notes")
-    with pytest.raises(BayescalError, match="not of a fleet"):
-        bc.fleet([folder / "sessions"], tmp_path)
+    refused("not of a fleet", lambda: bc.fleet([folder / "sessions"], tmp_path))
     (tmp_path / "mine").unlink()
     shutil.copytree(folder / "sessions" / "arm-0", tmp_path / "sessions" / "arm-0")  # one's own datasets
-    with pytest.raises(BayescalError, match="not of a fleet"):
-        bc.fleet([tmp_path / "sessions"], tmp_path)
+    refused("not of a fleet", lambda: bc.fleet([tmp_path / "sessions"], tmp_path))
     (tmp_path / "fleet.json").write_text('{"schema": "of another program"}')
-    with pytest.raises(BayescalError, match="not of a fleet"):
-        bc.fleet([tmp_path / "sessions"], tmp_path)
+    refused("not of a fleet", lambda: bc.fleet([tmp_path / "sessions"], tmp_path))
     assert not (tmp_path / "sessions" / "arm-0" / "session.json").exists()
     for none in ([], [tmp_path / "nope"]):
         with pytest.raises(BayescalError, match="no session;"):

@@ -13,7 +13,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from cases import undrawn
+from cases import refused, undrawn
 from rails import rail_session
 from test_gap_report import SETS, diagnosis
 from typer.testing import CliRunner
@@ -21,7 +21,6 @@ from typer.testing import CliRunner
 import bayescal as bc
 from bayescal.arm import chain as reference
 from bayescal.cli import app
-from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import OTHER
 from bayescal.model.scene import Scene
@@ -367,8 +366,7 @@ def test_the_page_poses_the_arm_like_the_chain(found):
 def test_damaged_and_missing_records_are_refused(tmp_path, text):
     if text is not None:
         (tmp_path / "fit.json").write_text(text)
-    with pytest.raises(BayescalError, match=r"no fit\.json or gap\.json" if text is None else r"fit\.json"):
-        read_run(tmp_path)
+    refused(r"no fit\.json or gap\.json" if text is None else r"fit\.json", lambda: read_run(tmp_path))
 
 
 def test_ticks_are_round():
@@ -420,8 +418,7 @@ def test_the_page_is_written_into_the_run_folder(own):
 
 def test_a_folder_with_files_of_the_user_is_not_touched(own):
     (own / "notes.txt").write_text("mine")
-    with pytest.raises(BayescalError, match=r"notes\.txt"):
-        bc.report(own)
+    refused(r"notes\.txt", lambda: bc.report(own))
     assert (own / "notes.txt").read_text() == "mine"
     page = own.parent / "page.html"
     assert bc.report(own, page) == (page,)
@@ -436,8 +433,7 @@ def test_files_of_the_user_are_kept(own, name, beside, monkeypatch):
     if beside:
         bc.report(own, own.parent / "mine.html")
     path.write_text("mine")
-    with pytest.raises(BayescalError, match=f"{name}: a file that is no page"):
-        bc.report(own, own.parent / "mine.html", pdf=True)
+    refused(f"{name}: a file that is no page", lambda: bc.report(own, own.parent / "mine.html", pdf=True))
     assert path.read_text() == "mine"
 
 
@@ -488,8 +484,7 @@ def test_the_command(own):
 def test_without_a_browser_nothing_is_written(own, monkeypatch):
     monkeypatch.setattr(build.shutil, "which", lambda name: None)
     out = own.parent / "x.html"
-    with pytest.raises(BayescalError, match="no Chromium or Chrome"):
-        bc.report(own, out, pdf=True)
+    refused("no Chromium or Chrome", lambda: bc.report(own, out, pdf=True))
     assert not out.exists()
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camera_sessions import camera_session
+from cases import refused
 from sessions import tracker
 from typer.testing import CliRunner
 
@@ -114,8 +115,7 @@ def test_no_model_has_a_wider_limit_than_all_together():
 
 def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(BayescalError, match=re.escape("pip install 'bayescal[mujoco]'")):
-        bc.verify(run / "fit", run / "arm.xml")
+    refused(re.escape("pip install 'bayescal[mujoco]'"), lambda: bc.verify(run / "fit", run / "arm.xml"))
 
 
 @pytest.mark.parametrize(
@@ -130,8 +130,7 @@ def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
 def test_other_files_are_refused(run, tmp_path, text, message):
     (tmp_path / "other.xml").write_text(text)
     beside(run, tmp_path / "other.xml")
-    with pytest.raises(BayescalError, match=message):
-        bc.verify(run / "fit", tmp_path / "other.xml")
+    refused(message, lambda: bc.verify(run / "fit", tmp_path / "other.xml"))
 
 
 def test_a_simulation_that_diverges_is_refused_and_writes_no_log(run, tmp_path, monkeypatch):
@@ -140,8 +139,7 @@ def test_a_simulation_that_diverges_is_refused_and_writes_no_log(run, tmp_path, 
     text = (run / "arm.xml").read_text()
     (tmp_path / "wild.xml").write_text(re.sub(r' damping="[^"]+"', ' damping="-1e7"', text))
     beside(run, tmp_path / "wild.xml")
-    with pytest.raises(BayescalError, match="unstable at pose 1"):
-        bc.verify(run / "fit", tmp_path / "wild.xml")
+    refused("unstable at pose 1", lambda: bc.verify(run / "fit", tmp_path / "wild.xml"))
     assert {p.name for p in tmp_path.iterdir()} == {"wild.xml", "wild.xml.bayescal.json"}
 
 
@@ -204,8 +202,7 @@ def test_a_file_that_pinocchio_alone_refuses_is_refused(run, urdf, monkeypatch):
         raise ValueError("made up")
 
     monkeypatch.setattr(pin, "buildModelFromXML", refuse)
-    with pytest.raises(BayescalError, match="Pinocchio refuses the file: made up"):
-        bc.verify(run / "fit", urdf)
+    refused("Pinocchio refuses the file: made up", lambda: bc.verify(run / "fit", urdf))
 
 
 def test_before_and_after_of_a_urdf_are_of_its_geometry(run, urdf, monkeypatch):
@@ -273,8 +270,7 @@ def test_a_broken_record_of_the_run_is_one_line(run, urdf, tmp_path, text, messa
     folder = tmp_path / "run"
     shutil.copytree(run / "fit", folder)
     (folder / "gap.json").write_text(text)
-    with pytest.raises(BayescalError, match=rf"gap\.json: .*{message}.*; repeat bayescal gap"):
-        bc.verify(folder, urdf)
+    refused(rf"gap\.json: .*{message}.*; repeat bayescal gap", lambda: bc.verify(folder, urdf))
 
 
 def test_formats_without_a_simulator_are_refused(run):

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from camera_sessions import camera_session
+from cases import refused
 from sessions import little, with_rows
 
 import bayescal as bc
@@ -277,14 +278,11 @@ def test_it_ends_when_it_is_enough(folder):
 
 def test_the_command_of_a_session_without_rows_says_what_is_missing(folder):
     cell, lines = folder
-    with pytest.raises(BayescalError, match="no rows below the header"):
-        bc.watch(cell, idle_s=0.0)
+    refused("no rows below the header", lambda: bc.watch(cell, idle_s=0.0))
     put(cell, *lines[1:3])
-    with pytest.raises(BayescalError, match="too few"):
-        bc.watch(cell, idle_s=0.0)
+    refused("too few", lambda: bc.watch(cell, idle_s=0.0))
     put(cell, "nonsense\n")
-    with pytest.raises(BayescalError, match=f"{TABLE}:4"):
-        bc.watch(cell, idle_s=0.0)
+    refused(f"{TABLE}:4", lambda: bc.watch(cell, idle_s=0.0))
 
 
 def test_the_result_is_a_run_folder_of_fit(folder, tmp_path):
@@ -361,8 +359,7 @@ def test_a_plan_states_the_aim(folder, tmp_path):
     assert result.record["aim"] == {"U_um": pytest.approx(1.0), "planned": len(lines) - 1}
     assert result.record["notices"][-1]["kind"] == PLANNED
     (tmp_path / "plan.json").write_text(json.dumps({"schema": "bayescal-plan/1"}))
-    with pytest.raises(BayescalError, match="incomplete"):
-        bc.watch(cell, plan=tmp_path)
+    refused("incomplete", lambda: bc.watch(cell, plan=tmp_path))
 
 
 def test_corners_of_images_are_fitted_in_the_pauses(tmp_path):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import refused
 
 import bayescal.gap.diagnose
 import bayescal.reporting.gap.record
@@ -12,7 +13,6 @@ from analysis.blind import images
 from analysis.blind.folder import DATASET
 from analysis.blind.make import IMAGES, Drawn, built, make
 from analysis.blind.run import Task, answered
-from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
@@ -78,10 +78,8 @@ def test_the_page_holds_the_score(tmp_path, capsys):
 
 
 def test_reserved_causes_are_refused(tmp_path):
-    with pytest.raises(BayescalError, match="no reserved causes"):
-        make(tmp_path / "blind", 1, 5, kind=IMAGES, reserved=True)
-    with pytest.raises(BayescalError, match="there is no kind pictures"):
-        make(tmp_path / "blind", 1, 5, kind="pictures")
+    refused("no reserved causes", lambda: make(tmp_path / "blind", 1, 5, kind=IMAGES, reserved=True))
+    refused("there is no kind pictures", lambda: make(tmp_path / "blind", 1, 5, kind="pictures"))
 
 
 def test_an_answer_holds_estimates_and_solvers(monkeypatch):

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from cases import refused
 from sealed_worlds import here, made_up
 
 from analysis.blind import seal
@@ -109,8 +110,7 @@ def test_an_answer_sealed_anew_is_another_seal(answered):
 def test_a_world_changed_before_it_was_answered(made):
     edit(made / "worlds/001/dataset.yaml", "world", "w")
     run(made)
-    with pytest.raises(BayescalError, match="001: was changed before it was answered"):
-        opened(made)
+    refused("001: was changed before it was answered", lambda: opened(made))
 
 
 def test_what_was_interrupted_goes_on(tmp_path, made, monkeypatch):
@@ -120,8 +120,7 @@ def test_what_was_interrupted_goes_on(tmp_path, made, monkeypatch):
     done = here(monkeypatch, most=2)
     with pytest.raises(KeyboardInterrupt):
         run(again)
-    with pytest.raises(BayescalError, match="not sealed"):
-        opened(again)
+    refused("not sealed", lambda: opened(again))
     last = here(monkeypatch)
     found = run(again, notify=lambda words, fraction: told.append((words, fraction)))
     assert [t.name for t in (*done, *last)] == ["000", "001", "002"]
@@ -150,8 +149,7 @@ def test_a_worker_with_other_sources_is_refused(made, monkeypatch):
         yield 0, {"world": "000", "code_sha256": "other"}
 
     monkeypatch.setattr("analysis.blind.run.results", results)
-    with pytest.raises(BayescalError, match=r"^tcp://there: a worker has a different version"):
-        run(made, dask="tcp://there")
+    refused(r"^tcp://there: a worker has a different version", lambda: run(made, dask="tcp://there"))
     assert not (made / "answers").exists()
 
 
@@ -179,8 +177,7 @@ def test_sealing_goes_on(tmp_path, monkeypatch, after):
         patch.setattr("analysis.blind.make.write", killed)
         with pytest.raises(KeyboardInterrupt):
             make(folder, WORLDS, SEED)
-    with pytest.raises(BayescalError, match="not all made"):
-        run(folder)
+    refused("not all made", lambda: run(folder))
     last = here(monkeypatch)
     assert make(folder, WORLDS, SEED) == seal.truth_seal(folder)
     assert not last
