@@ -43,7 +43,7 @@ def session(
 
     def distances(centre: np.ndarray) -> CentreDistances:
         error = np.sum(along * (centre[first] - centre[second]), axis=1)
-        d = CentreDistances(names, error, none, none, none[:, 0], along)
+        d = CentreDistances(names, error, none, none, none, along)
         return replace(d, by_noise=NOISE * d.by_centres)
 
     return distances(missing + noise), distances(kept * missing + own * other + noise)

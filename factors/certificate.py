@@ -228,10 +228,14 @@ EXACT = 1e-4
 """Of the root mean square uncertainty, assumed of every relation: the covariance then has an inverse."""
 
 
+def colouring(times: int) -> np.ndarray:
+    """Lower factor (times, times) of the correlation of one certified length at so many placements."""
+    return np.linalg.cholesky(CORRELATION + (1.0 - CORRELATION) * np.eye(times))
+
+
 def whitening(times: int) -> np.ndarray:
     """What whitens one certified length at so many placements, (times, times), of unit variance each."""
-    covariance = CORRELATION + (1.0 - CORRELATION) * np.eye(times)
-    return np.linalg.inv(np.linalg.cholesky(covariance))
+    return np.linalg.inv(colouring(times))
 
 
 def again(each: Sequence[Certificate], targets: int) -> Certificate:

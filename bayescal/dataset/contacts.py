@@ -157,6 +157,15 @@ def measured_again(certificates: Sequence[Certificate], fitted: Set[str]) -> lis
     return [tuple(numbers) for numbers in values.values()]
 
 
+def errors_of_distances(certificates: Sequence[Certificate]) -> np.ndarray:
+    """Lower factor (D, D), m, of the covariance of certified distances: one artefact has one error."""
+    out = np.zeros((len(certificates), len(certificates)))
+    for numbers in measured_again(certificates, {name for c in certificates for name in c.targets}):
+        u = certificates[numbers[0]].u_distance or 0.0
+        out[np.ix_(numbers, numbers)] = u * certificate.colouring(len(numbers))
+    return out
+
+
 def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -> None:
     """Refuse two targets that a certificate of this kind, of this length (m), cannot join.
 

@@ -179,7 +179,7 @@ def resampled_distances(
     errors = np.einsum("ij,sjk->sik", factor, rng.standard_normal((RESAMPLES, 2, by.shape[1]))) @ by.T
     noise = rng.standard_normal((RESAMPLES, after.by_parameters.shape[1])) @ after.by_parameters.T
     noise += rng.standard_normal((RESAMPLES, after.by_noise.shape[1])) @ after.by_noise.T
-    noise += after.u * rng.standard_normal(noise.shape)
+    noise += rng.standard_normal((RESAMPLES, after.by_certificates.shape[1])) @ after.by_certificates.T
     simulated = np.mean((errors + noise[:, None]) ** 2, axis=2)
     number = independent_distances(before)
     # the simulated covariance was itself estimated from this number of distances

@@ -12,6 +12,7 @@ import numpy as np
 
 from bayescal.arm.motion import Motion
 from bayescal.dataset import Certificate
+from bayescal.dataset.contacts import errors_of_distances
 from bayescal.estimate.outliers import rejected, scale
 from bayescal.model import Model
 from bayescal.model.scene import Scene
@@ -26,7 +27,7 @@ class CentreDistances:
     error: np.ndarray  # (D,) measured by the arm minus certified
     by_parameters: np.ndarray  # (D, F) by standard normals: posterior of the arm, priors of the targets
     by_noise: np.ndarray  # (D, M) by standard normals: noise of the rows that located the targets
-    u: np.ndarray  # (D,) of the certificates
+    by_certificates: np.ndarray  # (D, C) by standard normals: errors of the certificates
     along: np.ndarray  # (D, 3) unit vectors in F0, from the second centre to the first
 
     @property
@@ -42,8 +43,8 @@ class CentreDistances:
 
     def predicted_sd(self) -> np.ndarray:
         """Predicted standard deviations (D,), m."""
-        square = np.sum(self.by_parameters**2, axis=1) + np.sum(self.by_noise**2, axis=1)
-        return np.sqrt(square + self.u**2)
+        by = np.hstack([self.by_parameters, self.by_noise, self.by_certificates])
+        return np.sqrt(np.sum(by**2, axis=1))
 
 
 def certified_pairs(
@@ -65,13 +66,12 @@ def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np
     unknowns = np.cumsum([0, *(len(t.by_prior) for t in used)]) + arm.shape[1]
     by_parameters = np.zeros((len(pairs), unknowns[-1] if used else arm.shape[1]))
     by_noise = np.zeros((len(pairs), rows[-1]))
-    names, error, u, directions = [], [], [], [np.zeros((0, 3))]
+    names, error, directions = [], [], [np.zeros((0, 3))]
     for i, (c, a, b) in enumerate(pairs):
         apart = a.centre - b.centre
         length = float(np.linalg.norm(apart))
         names.append((c.targets[0], c.targets[1]))
         error.append(length - (c.distance or 0.0))
-        u.append(c.u_distance or 0.0)
         directions.append((apart / length)[None])
         for t, sign in ((a, 1.0), (b, -1.0)):
             k, by = used.index(t), sign * (apart / length) @ t.to_state[:3]
@@ -79,7 +79,8 @@ def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np
             by_parameters[i, unknowns[k] : unknowns[k + 1]] = by @ t.by_prior
             by_noise[i, rows[k] : rows[k + 1]] = by @ t.by_noise
     along = np.concatenate(directions)
-    return CentreDistances(tuple(names), np.array(error), by_parameters, by_noise, np.array(u), along)
+    by_certificates = errors_of_distances([c for c, _, _ in pairs])
+    return CentreDistances(tuple(names), np.array(error), by_parameters, by_noise, by_certificates, along)
 
 
 USUAL = {"kind": 0.9, "target": 0.75}

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bayescal.dataset.contacts import errors_of_distances
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import poses
 from bayescal.model import ARM, Block, Model
@@ -278,14 +279,17 @@ def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
 
 
 def _distances(d: _Draws, linearised: targets.Prepared) -> Iterator[DistanceCheck]:
-    for c, a, b in certified_pairs(d.estimate.model.scene, linearised.located):
+    pairs, normals = list(certified_pairs(d.estimate.model.scene, linearised.located)), list[np.ndarray]()
+    by_certificates = errors_of_distances([c for c, _, _ in pairs])
+    for k, (c, a, b) in enumerate(pairs):
         measured = float(np.linalg.norm(a.centre - b.centre))
         drawn = [t.centre + d.located(t)[0] @ t.to_state[:3].T for t in (a, b)]
-        u = c.u_distance or 0.0
-        predicted = measured - np.linalg.norm(drawn[0] - drawn[1], axis=1) + u * d.normal()
+        normals.append(d.normal())
+        off = by_certificates[k, : k + 1] @ np.array(normals)
+        predicted = measured - np.linalg.norm(drawn[0] - drawn[1], axis=1) + off
         assert c.distance is not None
         names = (c.targets[0], c.targets[1])
-        yield DistanceCheck(names, c.distance, u, measured - c.distance, predicted)
+        yield DistanceCheck(names, c.distance, c.u_distance or 0.0, measured - c.distance, predicted)
 
 
 def _diameters(d: _Draws, linearised: targets.Prepared) -> Iterator[DiameterCheck]:

@@ -26,7 +26,7 @@ def held(residual, sd=NOISE, distances=None, distance_sd=NOISE, block=None):
         np.arange(count) if block is None else block,
         CentreDistances(
             names, distances, np.zeros((len(names), 1)), np.full((len(names), 1), distance_sd),
-            np.zeros(len(names)),
+            np.zeros((len(names), 1)),
             np.tile([1.0, 0.0, 0.0], (len(names), 1)),
         ),
     )  # fmt: skip

@@ -15,7 +15,7 @@ COUNT, KNOWN = 1000, 1e6
 """Validation measurements, and degrees of freedom of a noise that is known."""
 PARTS = {"noise": NOISE, "parameters": 4e-6, "error": 8e-6}
 """m, of contacts."""
-FACTORS = {"by_parameters": 3e-6, "by_noise": 5e-6, "u": 6e-6}
+FACTORS = {"by_parameters": 3e-6, "by_noise": 5e-6, "by_certificates": 6e-6}
 """m, of what moves a certified distance."""
 
 
@@ -26,8 +26,7 @@ def drawn(parts, distances=None, seed=0):
     sizes = dict.fromkeys(FACTORS, 0.0) | (distances or {})
     count = 30 if distances is not None else 0
     made = held(errors, np.hypot(NOISE, parts.get("parameters", 0.0)), np.zeros(count))
-    each = {"u": np.full(count, sizes["u"])}
-    each |= {key: sizes[key] * np.eye(count) for key in ("by_parameters", "by_noise")}
+    each = {key: size * np.eye(count) for key, size in sizes.items()}
     return replace(made, distances=replace(made.distances, **each))
 
 

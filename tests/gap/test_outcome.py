@@ -348,7 +348,7 @@ def centres_of(rng, spheres, kept, own):
     out = []
     for centre in (error + noise, kept * error + own * other + noise):
         off = np.sum(along * (centre[first] - centre[second]), axis=1)
-        d = CentreDistances(names, off, np.zeros((count, 1)), np.zeros((count, 1)), np.zeros(count), along)
+        d = CentreDistances(names, off, *[np.zeros((count, 1))] * 3, along)
         out.append(replace(d, by_noise=0.5 * NOISE * d.by_centres))
     return out
 

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kind_sessions import of_pieces, sphere
 from sessions import misread, with_columns
-from test_crossvalidation import FULL, with_spheres
+from test_crossvalidation import BALLS, FULL, with_spheres
 
+from bayescal.dataset import Certificate
 from bayescal.estimate import estimate
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
@@ -117,6 +119,25 @@ def test_the_uncertainty_of_a_certificate_is_part_of_its_predicted_error(fitted,
     if kind == "distance":
         sd = [validation_errors(f).distances.predicted_sd() for f in (exact, unsure)]
         np.testing.assert_allclose(sd[1] ** 2 - sd[0] ** 2, u**2)
+
+
+@pytest.mark.parametrize(("second", "shared"), [(0.5e-3, 0.9), (0.4e-3, 0.0)])
+def test_a_length_of_one_artefact_at_two_placements_has_one_error(cube, second, shared):
+    """That of its certificate; certificates of different numbers are of different artefacts."""
+    centres = {f"{name}@{k}": np.add(c, (0.0, 0.0, 0.05 * k)) for name, c in BALLS.items() for k in (1, 2)}
+    pieces = [sphere(name, c, [1e-4] * 3, count=14, held=14) for name, c in centres.items()]
+    length, u = float(np.linalg.norm(np.subtract(*BALLS.values()))), (0.5e-3, second)
+    paper = [
+        Certificate("distance", tuple(f"{name}@{k}" for name in BALLS), length, of)
+        for k, of in zip((1, 2), u, strict=True)
+    ]
+    data = of_pieces(cube(seed=3, count=60), pieces, tuple(paper), 0).dataset
+    fitted = estimate(build(Scene(data), FULL), robust=False)
+    by = validation_errors(fitted).distances.by_certificates
+    np.testing.assert_allclose(by @ by.T, np.outer(u, u) * [[1.0, shared], [shared, 1.0]], atol=1e-18)
+    draws = gaussian(fitted, 0, 4000)
+    drawn = [d.predicted for d in validate(fitted, draws.flat, draws.kappa).distances]
+    assert np.corrcoef(drawn)[0, 1] == pytest.approx(shared, abs=0.06)
 
 
 def test_a_slipped_row_has_no_part_in_where_its_sphere_is(fitted):

@@ -348,7 +348,7 @@ def distances(error, by_noise, u):
     names = tuple((f"a{k}", f"b{k}") for k in range(count))
     along = np.tile([0.0, 0.6, 0.8], (count, 1))
     return CentreDistances(
-        names, error, np.zeros((count, 1)), by_noise * np.eye(count), u * np.ones(count), along
+        names, error, np.zeros((count, 1)), by_noise * np.eye(count), u * np.eye(count), along
     )
 
 

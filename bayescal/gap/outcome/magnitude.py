@@ -156,8 +156,8 @@ def _spheres(held: ValidationErrors, factor: float, noise: NoiseFloor, rng: np.r
     scale = noise.draws(rng)[:, None] / noise.sd * (factor if held.main == "contact" else 1.0)
     simulated = rng.standard_normal((RESAMPLES, d.by_parameters.shape[1])) @ d.by_parameters.T
     simulated += scale * (rng.standard_normal((RESAMPLES, d.by_noise.shape[1])) @ d.by_noise.T)
-    simulated += d.u * rng.standard_normal((RESAMPLES, len(d.u)))
-    return _measured("sphere distances", len(d.u), d.error, np.sqrt(np.mean(simulated**2, axis=1)))
+    simulated += rng.standard_normal((RESAMPLES, d.by_certificates.shape[1])) @ d.by_certificates.T
+    return _measured("sphere distances", len(d.error), d.error, np.sqrt(np.mean(simulated**2, axis=1)))
 
 
 def _measured(what: str, count: int, error: np.ndarray, simulated: np.ndarray) -> Measured:
@@ -327,7 +327,7 @@ def of_distances(
         return float(low), float(high)
 
     expected = expects(old.error, new.error, predicted)
-    return _compared("distances", len(old.u), means, draws, number, interval, expected, noise_dof)
+    return _compared("distances", len(old.error), means, draws, number, interval, expected, noise_dof)
 
 
 def _noise(dof: float, rng: np.random.Generator) -> np.ndarray:

@@ -312,7 +312,8 @@ def _distances(way: Sequence[CentreDistances]) -> float:
 def _covariance(way: Sequence[CentreDistances]) -> np.ndarray:
     """Covariance (D, D), m2, of the distances of the last of a series of refits."""
     d = way[-1]
-    out = d.by_parameters @ d.by_parameters.T + d.by_noise @ d.by_noise.T + np.diag(d.u**2)
+    by = np.hstack([d.by_parameters, d.by_noise, d.by_certificates])
+    out = by @ by.T
     for change in _changes([other.error for other in way]):
         out = out + np.diag(change**2) + np.outer(change, change)
     # three distances between centres on one line are dependent
