@@ -14,6 +14,7 @@ from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.contacts import bodies
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.by_time import ROWS, beside, long_enough, moments
+from bayescal.effects.location import ARM as WHOLE
 from bayescal.effects.location import BASE, TOOL, Driver, face
 from bayescal.effects.selection import Selection
 from bayescal.errors import BayescalError
@@ -25,7 +26,7 @@ from bayescal.gap.concluded import doubted, events_of
 from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.examine import examine
 from bayescal.gap.outcome.events import _with_fitted, errors_with
-from bayescal.gap.outcome.statements import Change
+from bayescal.gap.outcome.statements import Change, _together
 from bayescal.gap.outcome.where import _sudden
 from bayescal.gap.result import Event
 from bayescal.gap.search.cells import cells
@@ -106,6 +107,14 @@ def test_an_arm_is_without_names_that_increase_validation_errors(search, several
     assert not any(n.confirmed for n in refuted.verdict.named)
     assert refuted.arm.model.effects == MODEL
     assert not any(s.claimed for s in refuted.shrinkage)
+
+
+@pytest.mark.parametrize(("sites", "site"), [("base and base", BASE), ("base and tool", WHOLE)])
+def test_shifts_that_are_clear_together_only_are_of_their_site(several, sites, site):
+    final = calibrated(Scene(several.dataset), (*MODEL, f"step@38/80 at {sites}"))
+    every = [k for k, p in enumerate(final.model.parameters) if p.effect == "step"]
+    (together,) = _together(final, "step", every, np.full(len(every), 1e-4), 1e-12 * np.eye(len(every)))
+    assert together.site == site
 
 
 def test_two_shifts_are_found_at_their_rows(several):

@@ -309,8 +309,10 @@ def _together(
     square = np.einsum("apn,aqn->pq", by, by) / by.shape[2]
     value = float(np.sqrt(x @ square @ x))
     u = float(np.sqrt(x @ square @ c @ square @ x)) / value
-    names = tuple(final.model.parameters[k].name for k in every)
-    yield Amplitude(effect, WHOLE, CONSTANT, names, TOGETHER, value, u, "m", None, True)
+    parameters = [final.model.parameters[k] for k in every]
+    sites, names = {p.site for p in parameters}, tuple(p.name for p in parameters)
+    site = sites.pop() if len(sites) == 1 else WHOLE
+    yield Amplitude(effect, site, CONSTANT, names, TOGETHER, value, u, "m", None, True)
 
 
 def phase_shown(
