@@ -90,8 +90,9 @@ def test_validation_rows_beside_an_event_count_with_its_most_probable_row():
         held = errors_with(fits[row], events, USUAL)
         for name in ("residual", "noise", "by_parameters", "rows"):
             np.testing.assert_allclose(getattr(held, name), getattr(wanted, name), rtol=1e-3, atol=1e-7)
-    unlike = errors_with(fits[41], {"step": (Event(40, (40, 40)),)}, USUAL)  # no row is uncertain
-    assert np.array_equal(unlike.residual, validation_errors(fits[41]).residual)
+    for interval in ((40, 40), (45, 50)):  # no row is uncertain; of another change than that of the model
+        unlike = errors_with(fits[41], {"step": (Event(interval[0], interval),)}, USUAL)
+        assert np.array_equal(unlike.residual, validation_errors(fits[41]).residual)
     alone = calibrated(Scene(session), MODEL)  # a model without the change
     held = errors_with(alone, events, USUAL)
     assert np.array_equal(held.residual, validation_errors(alone).residual)

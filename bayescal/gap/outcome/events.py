@@ -7,6 +7,7 @@ Validation errors of a model with sudden changes, whose rows are uncertain.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -232,7 +233,7 @@ def errors_with(
     ----------
     fitted : Estimate
     events : mapping of str to sequence of Event
-        By effect, in the order of its setting.
+        By effect; those are of a change in the model whose interval holds its row.
     options : FitOptions
         Of the fit.
     without, strict
@@ -247,8 +248,12 @@ def errors_with(
         return without_rows(held, uncertain(events, rows))
     for name in fitted.model.effects:
         selection = Selection.read(name)
-        count = len((selection.setting or "").split("/"))
-        for k, event in enumerate(events.get(selection.effect, ())[:count]):
+        of = events.get(selection.effect, ())
+        begins = selection.setting.split("/") if of and selection.setting else []
+        for (k, begin), event in itertools.product(enumerate(begins), of):
+            low, high = event.interval95
+            if not low < float(begin) <= high + 1:  # settings count rows from 1
+                continue
             between = _between(event, rows)
             use = np.isin(held.joint.rows, between)
             if not use.any():
