@@ -233,6 +233,7 @@ def test_an_effect_that_is_found_is_not_ambiguous(session):
     of_two = gap_record(both) | {"credible_set90": ["backlash", "hysteresis"]}
     shown = [str(fault) for fault in faults(of_two)]
     assert "possibly hysteresis" in shown[-1]
+    assert "Measure more before a part is replaced" in shown[-1]
     assert not any("possibly backlash" in one for one in shown)
 
 

@@ -165,6 +165,12 @@ def test_the_next_step_of_a_possible_effect_is_no_repair(found):
     assert "Measure more before a part is replaced" in text
     assert "Repair the machine" not in text
     assert "Measure more, and diagnose again" in text
+    refit = "to fit with the effects that are named: bayescal fit"
+    assert refit in text
+    record["named"] = [n | {"confirmed": False} for n in record["named"]]
+    text = words(run_page(Run("gap", record, "runs/x")))
+    assert "diagnose again: the validation data do not confirm the effects that are named." in text
+    assert refit not in text
 
 
 def test_levels_without_validation_measurements_are_not_shown(saved):

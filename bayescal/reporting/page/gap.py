@@ -105,8 +105,9 @@ def faults(record: Json) -> list[Fault]:
         likely = (n for n, p in record["class"]["members"].items() if p >= LIKELY)
         may_be = tuple(sheets.OTHER if n == OTHER else n for n in likely if n not in record["effects"])
     for name in may_be:
-        remedy = UNKNOWN if name == sheets.OTHER else FIRST if record["class"] else _remedy(name)
         p = record["probability"].get(name) or 0.0
+        doubtful = record["class"] or p < text.SURE
+        remedy = UNKNOWN if name == sheets.OTHER else FIRST if doubtful else _remedy(name)
         site = record["class"]["site"] if record["class"] and name == sheets.OTHER else ""
         facts = [("location", site), ("probability", text.probability(p))]
         fault = Fault(f"{'' if p >= text.SURE else 'possibly '}{text.rival(name)}", _stated(facts), remedy)
@@ -184,10 +185,12 @@ def _next(run: Run) -> list[tuple[str, str]]:
         elif record["class"]:
             words = "Fit with the effects that are found:"
         step = (words, f"bayescal fit {dataset}{options}")
-        if larger := sheets.worse(record):
-            what = f"with the effects that are named, errors of {text.listed(larger)} are larger"
-            step = (f"Measure more, and diagnose again: {what}.", "")
-        out.append(step)
+        larger, against = sheets.worse(record), []
+        if larger:
+            against.append(f"with the effects that are named, errors of {text.listed(larger)} are larger")
+        if not any(named["confirmed"] for named in record["named"]):
+            against.append("the validation data do not confirm the effects that are named")
+        out.append((f"Measure more, and diagnose again: {text.listed(against)}.", "") if against else step)
     if record["verdict"] in sheets.UNMODELLED and sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     if _planned(record):
