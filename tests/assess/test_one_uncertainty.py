@@ -430,7 +430,11 @@ def test_distances_that_share_a_centre(simulated_fit):
     d = centre_distances(wide.scene, basis.prepared.located, np.zeros((len(wide.parameters),) * 2))
     m = distances(basis, certified_distances(basis), "")
     own = sum(by @ by.T for source, by in m.errors if source.group != UNEXPLAINED)
-    expected = d.by_noise @ d.by_noise.T + d.by_parameters @ d.by_parameters.T + np.diag(d.u**2)
+    expected = (
+        d.by_noise @ d.by_noise.T
+        + d.by_parameters @ d.by_parameters.T
+        + d.by_certificates @ d.by_certificates.T
+    )
     assert own == pytest.approx(expected, rel=1e-6)
 
 
