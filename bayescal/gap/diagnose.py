@@ -97,7 +97,7 @@ def explain(
     events = attempted("rows of sudden changes", partial(events_of, last), {}, lost)
 
     def errors(fitted: Estimate, without: str = LEFT_OUT) -> ValidationErrors:
-        return errors_with(fitted, events, last.options, without)
+        return errors_with(fitted, events, without)
 
     def compared(flat: bool) -> Explained:
         """Test the names with the form of uneven faces in all models, or in none."""
@@ -381,7 +381,7 @@ def _errors_of(e: Estimate, explained: Explained) -> ValidationErrors:
         return explained.after
     if e is explained.baseline:
         return explained.before
-    return errors_with(e, explained.events, explained.last.options, strict=False)
+    return errors_with(e, explained.events, strict=False)
 
 
 def _confirmed(explained: Explained) -> Estimate:

@@ -156,7 +156,8 @@ def mistaken(log: Log, table: str = "") -> Iterator[Finding]:
     if any(e.torque is None for e in even):
         return
     rows = thinned(parts, even, ROWS)
-    if names := reversed_torques(parts, rows):
+    names = reversed_torques(parts, rows) if log.signed else ()
+    if names:
         yield joint_findings.said("odd", "torque_sign", table, names=listed(names))
     elif which := interchanged(parts, rows):
         yield joint_findings.said("odd", "order", table, which=which)

@@ -148,14 +148,14 @@ def read_reported(run: Path) -> Reported:
 
 def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
     """RMS errors before and after, m, as the run reports them for its own model; of points per coordinate."""
-    ladder = record.get("ladder", ())
+    levels = record.get("ladder", ())
     if shrinkage := record.get("shrinkage", {}).get(kind):
         return 1e-6 * shrinkage["before_rms_um"], 1e-6 * shrinkage["after_rms_um"]
     if "baseline" not in record:
         per_um = 1e-6 / 3**0.5 if kind == "points" else 1e-6
-        before, after = (per_um * (level[LEVEL_OF_FIT[kind]] or NAN) for level in (ladder[0], ladder[-1]))
+        before, after = (per_um * (level[LEVEL_OF_FIT[kind]] or NAN) for level in (levels[0], levels[-1]))
         return before, after
-    for level in ladder:
+    for level in levels:
         if level["model"] == record["baseline"]:
             rms = 1e-6 * (level.get(LEVEL[kind]) or NAN)
             return rms, rms if record.get("effects") == [] else NAN

@@ -87,14 +87,14 @@ def test_validation_rows_beside_an_event_count_with_its_most_probable_row():
     for row in (41, 61):
         assert not np.allclose(validation_errors(fits[row]).residual, wanted.residual, atol=1e-4)
         events = {"step": (Event(row - 1, (40, 60)),)}
-        held = errors_with(fits[row], events, USUAL)
+        held = errors_with(fits[row], events)
         for name in ("residual", "noise", "by_parameters", "rows"):
             np.testing.assert_allclose(getattr(held, name), getattr(wanted, name), rtol=1e-3, atol=1e-7)
     for interval in ((40, 40), (45, 50)):  # no row is uncertain; of another change than that of the model
-        unlike = errors_with(fits[41], {"step": (Event(interval[0], interval),)}, USUAL)
+        unlike = errors_with(fits[41], {"step": (Event(interval[0], interval),)})
         assert np.array_equal(unlike.residual, validation_errors(fits[41]).residual)
     alone = calibrated(Scene(session), MODEL)  # a model without the change
-    held = errors_with(alone, events, USUAL)
+    held = errors_with(alone, events)
     assert np.array_equal(held.residual, validation_errors(alone).residual)
 
 

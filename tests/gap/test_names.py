@@ -614,6 +614,8 @@ def test_what_is_said_of_errors_that_increase():
     # errors that increase where they are less probable
     (told,) = increased(errors(1.0, 1.0), errors(3.0, 1.0))
     assert told.endswith("calibration rows only, and the arm is without them")
+    one_block = [replace(errors(x, 1.0), block=np.zeros(60, int)) for x in (1.0, 3.0)]  # without a scatter
+    assert [*increased(*one_block)] == [told]
     # The RMS increases and so does the log density: no contradiction, and no reason to drop the effects
     (told,) = increased(errors(3.0, 10.0), errors(1.0, 20.0))
     assert "but so does their log density" in told

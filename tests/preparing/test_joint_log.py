@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 from types import SimpleNamespace
 
 import foreign
@@ -21,6 +22,7 @@ from bayescal.preparing import joint_facts, joint_findings
 from bayescal.preparing.joint_delays import mean as weighted_mean
 from bayescal.preparing.joint_delays import uniform
 from bayescal.preparing.joint_facts import gravity_torques
+from bayescal.preparing.joint_log import mistaken
 
 
 def checked(folder):
@@ -202,6 +204,8 @@ def test_a_torque_of_the_opposite_sense_at_one_joint(tmp_path, monkeypatch):
     log.columns["torque2_Nm"] *= -1.0
     folder, words = written(log, tmp_path / "log"), "by the torques of J2 friction drives the motion"
     assert of(checked(folder), "torque_sign").what == words
+    unsigned = replace(read_log(folder), signed=False)
+    assert "torque_sign" not in {f.code for f in mistaken(unsigned)}
     notes = []
 
     def taken(log, *_):

@@ -281,8 +281,8 @@ def test_formats_without_a_simulator_are_refused(run):
 
 def test_errors_that_a_fit_reports_are_those_of_its_first_and_last_level(tmp_path):
     """Of points per coordinate, of which the record states the lengths; not known where none are measured."""
-    ladder = [{"heldout_planes_rms_um": x, "distance_rms_um": None, "points_rms_um": x} for x in (90, 50, 20)]
-    (tmp_path / "fit.json").write_text(json.dumps({"ladder": ladder}))
+    levels = [{"heldout_planes_rms_um": x, "distance_rms_um": None, "points_rms_um": x} for x in (90, 50, 20)]
+    (tmp_path / "fit.json").write_text(json.dumps({"ladder": levels}))
     found = read_reported(tmp_path).rms
     assert found["planes"] == pytest.approx((90e-6, 20e-6))
     assert found["points"] == pytest.approx((90e-6 / 3**0.5, 20e-6 / 3**0.5))

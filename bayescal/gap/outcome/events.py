@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.effects import EFFECTS, Circumstances, Parameter
+from bayescal.effects import EFFECTS, Circumstances, Parameter, parameters_of
 from bayescal.effects.location import BASE, Driver, Site
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
@@ -26,7 +26,7 @@ from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool, with_columns, with_set
 from bayescal.gap.settings import CELLS, OUTCOME
-from bayescal.model import FitOptions, build, with_parameters
+from bayescal.model import with_parameters
 from bayescal.predict.crossvalidation import LEFT_OUT, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors, with_rows_of, without_rows
 from bayescal.statistics import chi2_sf
@@ -217,11 +217,7 @@ def _between(event: Event, fitted: np.ndarray) -> range:
 
 
 def errors_with(
-    fitted: Estimate,
-    events: Mapping[str, Sequence[Event]],
-    options: FitOptions,
-    without: str = LEFT_OUT,
-    strict: bool = True,
+    fitted: Estimate, events: Mapping[str, Sequence[Event]], without: str = LEFT_OUT, strict: bool = True
 ) -> ValidationErrors:
     """Validation errors of a model with sudden changes.
 
@@ -234,8 +230,6 @@ def errors_with(
     fitted : Estimate
     events : mapping of str to sequence of Event
         By effect; those are of a change in the model whose interval holds its row.
-    options : FitOptions
-        Of the fit.
     without, strict
         As for `validation_errors`.
     """
@@ -258,7 +252,7 @@ def errors_with(
             use = np.isin(held.joint.rows, between)
             if not use.any():
                 continue
-            ends = (_changing(fitted, name, k, row, options) for row in (between[0], between.stop))
+            ends = (_changing(fitted, name, k, row) for row in (between[0], between.stop))
             changed, unchanged = map(errors, ends)
             cost = np.cumsum(np.append(0.0, (unchanged.joint.chi2 - changed.joint.chi2)[use]))
             first = [*held.joint.rows[use], between.stop][int(np.argmin(cost))]
@@ -267,16 +261,19 @@ def errors_with(
     return held
 
 
-def _changing(fitted: Estimate, name: str, number: int, row: int, options: FitOptions) -> Estimate:
+def _changing(fitted: Estimate, name: str, number: int, row: int) -> Estimate:
     """The estimate with a change of one of its effects from another row on, its parameters as fitted."""
     model, selection = fitted.model, Selection.read(name)
     setting = (selection.setting or "").split("/")
     setting[number] = str(row + 1)
     other = str(replace(selection, setting="/".join(setting)))
     effects = tuple(other if effect == name else effect for effect in model.effects)
-    displaced = build(model.scene, effects, options).parameters
-    parameters = (replace(p, terms=q.terms) for p, q in zip(model.parameters, displaced, strict=True))
-    return replace(fitted, model=with_parameters(model.scene, effects, tuple(parameters)))
+    c = model.scene.circumstances(model.scene.rows("calibrate"))
+    displaced = iter([p.terms for p in parameters_of((other,), c) if p.effect == selection.effect])
+    parameters = tuple(
+        replace(p, terms=next(displaced)) if p.effect == selection.effect else p for p in model.parameters
+    )
+    return replace(fitted, model=with_parameters(model.scene, effects, parameters))
 
 
 def _apart(v: Variant, before: Sequence[Event], c: Circumstances) -> np.ndarray:

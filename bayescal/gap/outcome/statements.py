@@ -173,9 +173,14 @@ class Change:
         return self.after > OUTCOME.grown * self.before
 
     @property
+    def significant(self) -> bool:
+        """Whether the density changes by more than its uncertainty, also where a single block has none."""
+        return not abs(self.nats) <= OUTCOME.risen * self.u
+
+    @property
     def refuted(self) -> bool:
-        """Whether errors increase, and their density falls by more than its uncertainty."""
-        return self.increased and self.nats < -OUTCOME.risen * self.u
+        """Whether errors increase, and their density falls significantly."""
+        return self.increased and self.significant and self.nats <= 0
 
 
 def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
@@ -189,7 +194,7 @@ def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
             f"validation errors increase with the named effects, {sizes}: these describe the calibration "
             "rows only, and the arm is without them"
         )
-    elif change.nats > OUTCOME.risen * change.u:
+    elif change.significant:
         fair = kept(first, last)
         was, now = rms(first.sd[fair], of_none=0.0), rms(last.sd[fair], of_none=0.0)
         yield (
