@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.assess import inputs
+from bayescal.dataset.contacts import errors_of_distances
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.predict.errors import certified_pairs, slopes
@@ -94,9 +95,17 @@ def distance(basis: inputs.Basis, between: tuple[str, str]) -> Measurand:
 
 
 def distances(basis: inputs.Basis, pairs: Sequence[tuple[str, str]], name: str) -> Measurand:
-    """Error of any one of several distances."""
+    """Error of any one of several distances; those of one artefact share the error of its certificate."""
     each = [distance(basis, pair) for pair in pairs]
     by_z, errors = _stacked([(m.by_z, m.errors) for m in each])
+    wide = basis.stated.wide.model.scene
+    certified = [(k, c) for c, *_ in certified_pairs(wide, basis.prepared.located)
+                 for k, pair in enumerate(pairs) if set(pair) == set(c.targets)]  # fmt: skip
+    changes = np.zeros((len(pairs), len(certified)))
+    changes[[k for k, _ in certified]] = errors_of_distances([c for _, c in certified])
+    names = [inputs.certificate_input(c, "m", c.u_distance or 0.0).name for _, c in certified]
+    shared = {name: changes[:, [j]] for j, name in enumerate(names)}
+    errors = [(source, shared.get(source.name, by)) for source, by in errors]
     values = tuple(m.value or 0.0 for m in each)
     return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(errors)), any_of=True, values=values)
 
