@@ -98,9 +98,8 @@ def distances(basis: inputs.Basis, pairs: Sequence[tuple[str, str]], name: str) 
     """Error of any one of several distances; those of one artefact share the error of its certificate."""
     each = [distance(basis, pair) for pair in pairs]
     by_z, errors = _stacked([(m.by_z, m.errors) for m in each])
-    wide = basis.stated.wide.model.scene
-    certified = [(k, c) for c, *_ in certified_pairs(wide, basis.prepared.located)
-                 for k, pair in enumerate(pairs) if set(pair) == set(c.targets)]  # fmt: skip
+    every = [c for c, *_ in certified_pairs(basis.stated.wide.model.scene, basis.prepared.located)]
+    certified = [(k, c) for c in every for k, pair in enumerate(pairs) if set(pair) == set(c.targets)]
     changes = np.zeros((len(pairs), len(certified)))
     changes[[k for k, _ in certified]] = errors_of_distances([c for _, c in certified])
     names = [inputs.certificate_input(c, "m", c.u_distance or 0.0).name for _, c in certified]
