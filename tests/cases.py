@@ -53,10 +53,12 @@ def drawn(really: bool = True) -> Iterator[None]:
         yield
 
 
-def refused(words: str, call: Callable[[], Any]) -> None:
-    """Call what must be refused, with words that a regular expression finds."""
-    with pytest.raises(BayescalError, match=words):
+def refused(words: str, call: Callable[[], Any]) -> BayescalError:
+    """Call what must be refused, in one line with words that a regular expression finds: the error."""
+    with pytest.raises(BayescalError, match=words) as error:
         call()
+    assert "\n" not in str(error.value)
+    return error.value
 
 
 def terminal_text(what: Any, width: int = 100) -> str:

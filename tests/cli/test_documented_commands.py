@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from cases import ROOT
+from cases import ROOT, refused
 from click.testing import CliRunner
 
 from bayescal.cli import app
@@ -248,5 +248,4 @@ def test_what_the_page_says_of_the_results(said):
 def test_a_setup_is_refused_until_it_is_filled_in(said):
     import bayescal as bc
 
-    with pytest.raises(bc.BayescalError, match="FILL_IN"):
-        bc.fit(Path(said["folder"]) / "cell", samples=0)
+    refused("FILL_IN", lambda: bc.fit(Path(said["folder"]) / "cell", samples=0))

@@ -164,8 +164,7 @@ def test_files_of_the_user_are_not_overwritten(arm, tmp_path):
     out, listed = tmp_path / "out.LS", tmp_path / "out.LS.positions.csv"
     for path in (out, listed):
         path.write_bytes(b"of the user")
-        with pytest.raises(BayescalError, match=f"{path.name}: exists with another content; give another"):
-            done.save(out)
+        refused(f"{path.name}: exists with another content; give another", lambda: done.save(out))
         assert path.read_bytes() == b"of the user"
         assert {p.name for p in tmp_path.iterdir()} == {"prog.LS", path.name}
         path.unlink()

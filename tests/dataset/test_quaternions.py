@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from cases import refused
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset.table import QUATERNION, RPY, table_of
-from bayescal.errors import BayescalError
 
 UNITS = ("deg", "deg")
 HEAD = ",".join(("id", "target", "j1_deg", "j2_deg", *QUATERNION))
@@ -36,5 +36,4 @@ def test_a_quaternion_is_the_rotation_of_its_angles():
     ],
 )
 def test_what_is_no_rotation_is_refused(row, head, said):
-    with pytest.raises(BayescalError, match=said):
-        table(row, head=head)
+    refused(said, lambda: table(row, head=head))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 from camera_sessions import BOARD, CENTRE, FIXED, FOCAL, ON_FLANGE, camera_session, pose
+from cases import refused
 from scipy.spatial.transform import Rotation
 
 import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_of
-from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.exporting.export import export
 from bayescal.exporting.hand_eye import hand_eyes
@@ -138,8 +138,7 @@ def test_files_of_ros(exported, tmp_path):
 
 def test_a_session_without_a_camera(cube):
     found = estimate(build(Scene(cube(seed=1).dataset), ("joint",)))
-    with pytest.raises(BayescalError, match="no camera"):
-        export(of_estimate(found, found.covariance), "hand-eye", force=True)
+    refused("no camera", lambda: export(of_estimate(found, found.covariance), "hand-eye", force=True))
 
 
 def shifted(mount, row, held, base):

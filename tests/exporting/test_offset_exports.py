@@ -7,6 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 import yaml
+from cases import refused
 from export_arms import fake, session_of
 from test_urdf_export import LRMATE, POINT, expected, tip_points
 from urdf_texts import words
@@ -101,8 +102,7 @@ def test_an_offset_stays_within_half_a_turn(arm, tmp_path, sign, end):
 
 @pytest.mark.parametrize("to", ["lerobot", "pal"])
 def test_a_difference_needs_what_it_is_relative_to(arm, to):
-    with pytest.raises(BayescalError, match="--into"):
-        export(arm, to)
+    refused("--into", lambda: export(arm, to))
 
 
 def test_ros2_control(arm):

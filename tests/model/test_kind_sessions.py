@@ -5,6 +5,7 @@ from dataclasses import replace
 import kind_sessions
 import numpy as np
 import pytest
+from cases import refused
 from kind_sessions import POINT, TURN, bar, cone, of_pieces, pin, sphere, tracker
 from scipy.stats import chi2
 from sessions import plain, with_columns
@@ -15,7 +16,6 @@ from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.dataset.contacts import measured_again
 from bayescal.effects.geometry import LOOSE_ANGLE
-from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.estimate.bounds import with_latent_readings
 from bayescal.estimate.unexplained import FaceCheck, with_uneven_faces
@@ -309,8 +309,7 @@ def test_orientations_in_radians_are_refused(posed, tmp_path, factor):
     rows = posed.dataset.measurements
     wrong = with_columns(posed.dataset, rpy=rows.rpy * factor)
     write_dataset(wrong, tmp_path / "poses")
-    with pytest.raises(BayescalError, match="orientation"):
-        read_dataset(tmp_path / "poses")
+    refused("orientation", lambda: read_dataset(tmp_path / "poses"))
 
 
 def test_tools_whose_orientation_matters_are_those_whose_orientation_is_read(posed):

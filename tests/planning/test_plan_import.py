@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 import matplotlib as mpl
 import numpy as np
 import pytest
+from cases import refused
 from made_up_plans import made_up_plan
 from rich.console import Console
 from sessions import with_columns
@@ -17,7 +18,6 @@ from sessions import with_columns
 import bayescal as bc
 from bayescal.dataset import read_dataset
 from bayescal.dataset.write import table_text, write_setup
-from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 from bayescal.planning.result import VALIDATE
 from bayescal.reporting import plan_sheets
@@ -129,27 +129,22 @@ def test_a_log_without_ids_is_taken_in_order(folder, probed, tmp_path):
     draft = converted(folder, log)
     assert draft.dataset.measurements.ids == probed.measurements.ids
     shorter = log_of(probed, tmp_path / "shorter.csv", slice(1, None), nameless)
-    with pytest.raises(BayescalError, match="79 rows without ids, but 80 contacts"):
-        converted(folder, shorter)
+    refused("79 rows without ids, but 80 contacts", lambda: converted(folder, shorter))
     turned = log_of(probed, tmp_path / "turned.csv", change=lambda table: nameless(table)[::-1])
-    with pytest.raises(BayescalError, match="not at the readings of `p001`") as refused:
-        converted(folder, turned)
-    assert refused.value.where == "turned.csv:2"
+    assert refused("not at the readings of `p001`", lambda: converted(folder, turned)).where == "turned.csv:2"
 
 
 def test_units_of_a_mapped_log_are_still_checked(folder, probed, tmp_path):
     log = log_of(probed, tmp_path / "log.csv")
     draft = converted(folder, log, map="id=id, j*=j*_deg rad")
     assert "cannot be in rad" in draft.wrong
-    with pytest.raises(BayescalError, match="cannot be in rad"):
-        write(draft, tmp_path / "session")
+    refused("cannot be in rad", lambda: write(draft, tmp_path / "session"))
     assert converted(folder, log, map="id=id, j*=j*_deg deg").wrong == ""
 
 
 def test_the_plan_itself_is_no_measurement(folder, probed, plan, tmp_path):
     """A copy of plan.csv is refused, and so are its rows in a log that was not filled in to its end."""
-    with pytest.raises(BayescalError, match="nothing was measured"):
-        converted(folder, folder / "plan.csv")
+    refused("nothing was measured", lambda: converted(folder, folder / "plan.csv"))
     half = np.arange(len(plan.purpose)) < 50
     readings = np.where(half[:, None], probed.measurements.readings, plan.session.measurements.readings)
     mixed = with_columns(probed, readings=readings)
@@ -209,11 +204,9 @@ def only(*keys):
 )
 def test_refusals(folder, probed, tmp_path, change, words, line):
     log = log_of(probed, tmp_path / "log.csv", change=change)
-    with pytest.raises(BayescalError) as refused:
-        converted(folder, log)
-    assert words in refused.value.what
-    assert refused.value.where == f"log.csv{line}"
-    assert refused.value.remedy
+    error = refused(re.escape(words), lambda: converted(folder, log))
+    assert error.where == f"log.csv{line}"
+    assert error.remedy
 
 
 def test_the_plan_states_the_robot(folder, probed, tmp_path, command):

@@ -6,12 +6,12 @@ import emcee
 import numpy as np
 import pytest
 from arviz_line import arviz_ess, arviz_rhat, az
+from cases import refused
 from sessions import with_columns
 
 import bayescal.calibration as calibration
 import bayescal.reporting.fit.files as fit_posterior
 from bayescal.calibration import fit
-from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.model import build
 from bayescal.model.options import FitOptions
@@ -234,8 +234,7 @@ def test_the_worst_component_is_named_with_its_figure(worst):
 
 
 def test_no_samples_is_refused(fitted):
-    with pytest.raises(BayescalError, match="samples"):
-        sample(fitted, 0)
+    refused("samples", lambda: sample(fitted, 0))
 
 
 def test_density_of_a_large_session_in_parts(few, monkeypatch):

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import foreign
 import numpy as np
 import pytest
+from cases import refused
 from click.testing import CliRunner
 from joint_logs import KINDS, made, sines, written
 from scipy.signal import butter, lfilter, sosfiltfilt
@@ -396,8 +397,7 @@ def test_second_encoders_and_sensors(tmp_path):
 
 
 def test_two_motions_are_needed(tmp_path):
-    with pytest.raises(BayescalError, match="fewer than two motions"):
-        bc.check(written(made(motions=1), tmp_path / "log"))
+    refused("fewer than two motions", lambda: bc.check(written(made(motions=1), tmp_path / "log")))
 
 
 def test_the_command_prints_both_forms(good):

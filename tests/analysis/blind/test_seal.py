@@ -13,7 +13,6 @@ from analysis.blind.folder import write
 from analysis.blind.make import Drawn, make
 from analysis.blind.run import run
 from analysis.blind.unseal import opened
-from bayescal.errors import BayescalError
 from bayescal.storage.folders import LIST
 from bayescal.storage.workers import Lost
 
@@ -92,9 +91,7 @@ TAMPERED = {
 def test_tampering_is_refused(answered, what):
     tamper, words = TAMPERED[what]
     tamper(answered)
-    with pytest.raises(BayescalError, match=words) as told:
-        opened(answered)
-    assert "\n" not in str(told.value)
+    refused(words, lambda: opened(answered))
 
 
 def test_an_answer_sealed_anew_is_another_seal(answered):

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import mujoco
 import numpy as np
 import pytest
-from cases import DATA, cases
+from cases import DATA, cases, refused
 from scipy.spatial.transform import Rotation
 from urdf_texts import words
 
@@ -94,10 +94,7 @@ def test_refusals(name, tmp_path):
     text = SCENE.read_text()
     assert what in text
     (tmp_path / "scene.xml").write_text(text.replace(what, by, 1))
-    with pytest.raises(BayescalError, match=message) as refusal:
-        written(BASE, tmp_path / "scene.xml")
-    assert "scene.xml" in str(refusal.value)
-    assert not re.search("\n", str(refusal.value))
+    assert "scene.xml" in str(refused(message, lambda: written(BASE, tmp_path / "scene.xml")))
 
 
 def test_a_tip_that_fewer_joints_turn_is_refused():
@@ -254,8 +251,7 @@ def test_leading_backlash_and_negative_compliance_are_refused():
     backlash = np.array([p.effect == "backlash" for p in arm.model.parameters])
     compliance = np.array([p.effect == "compliance" for p in arm.model.parameters])
     leading = arm.valued(np.where(backlash, -arm.values, arm.values))
-    with pytest.raises(BayescalError, match="backlash of J1 leads by"):
-        mjcf(leading, 0)
+    refused("backlash of J1 leads by", lambda: mjcf(leading, 0))
     off, _ = differences(leading, POSES, File.new(leading, 0, script=True))
     assert np.max(off) < 2e-8
     of_two = drawn("universal-robots-ur5e", (*BASE, "hysteresis"))
