@@ -128,8 +128,13 @@ def export_log(folder: Path, record: Json, to: str) -> LogExport:
     sizes = {"armature": m.armature, "offset": np.abs(drives.offset), "transition": m.coulomb}
     form = FORMATS[to]
     missing = {key: tuple(sizes[key].tolist()) for key in form["without"]}
-    holds = set(form["holds"]) - ({"load-friction"} if any(SQUARE in name for name in values) else set())
-    effects = tuple(e for e in record.get("beside", ()) if e["effect"] not in holds)
+    holds = tuple(form["holds"])
+
+    def held(effect: str) -> bool:
+        of_it = [name for name in values if name.partition(" ")[0] == effect]
+        return bool(of_it) and all(name.startswith(holds) and SQUARE not in name for name in of_it)
+
+    effects = tuple(e for e in record.get("beside", ()) if not held(e["effect"]))
     origin = {key: record[key] for key in ("dataset", "robot", "software", "gravity_mps2")}
     names = {e["effect"] for e in effects}
     origin["terms"] = {name: x for name, x in values.items() if name.partition(" ")[0] in names}

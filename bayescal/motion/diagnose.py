@@ -117,6 +117,7 @@ class MotionGap:
     warnings: tuple[str, ...]
     model: NamedArm  # without effects
     arm: NamedArm  # with the named ones
+    unseen: tuple[Form, ...]  # of the leading set, that fitted motions show at no plausible size
     tracking: Mapping[str, Tracking] | str = ""  # of arms nominal, model, effects; or why there is none
 
 
@@ -194,6 +195,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         warnings=(*estimate.limits, *contradicted(far)),
         model=model,
         arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
+        unseen=tuple(m.form for m in verdict.leading.members if not search.seen_forms.get(m.form, True)),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.arm.transforms import compiled
 from bayescal.logs import Mechanism
 from bayescal.logs.types import PAIRS, inertial
+from bayescal.robots.schema import SIX
 from factors.kind import cross_matrix
 
 REST = np.zeros(3)
@@ -129,6 +130,11 @@ class Loads:
             joints[:, k] = moment[..., 0] @ m.axis[k]
             total = _before(m, turn, k, force, moment)
         return cls(joints @ m.coupling, total[1][..., 0], every[-1][0] @ unit)
+
+
+def inertial_of(body: np.ndarray) -> np.ndarray:
+    """Linear parameters (10,), as `inertial`, of a body: mass, centre, and inertia about it."""
+    return inertial(body[0], body[1:4], body[4 + SIX])
 
 
 def payload_of(m: Mechanism) -> np.ndarray:

@@ -146,11 +146,53 @@ def joint(j: int) -> str:
     return f"joint {j + 1}"
 
 
-@effect("payload", needs=_no_loads)
+EVERY = "mass in every motion"
+"""Driver of a payload that no motion states."""
+UNSTATED, OR_LINK = "mass that no motion states", ", or error of the last link"
+ELSEWHERE, AS_LINK = "centre unknown", "as of the last link"
+"""Settings of it: not where payloads are stated; errors of the last link, which may be of what it carries."""
+DENSE, BODY_ON_IT = "in proportion", "by a body on it"
+"""Settings of a link: its mass and inertia are off by one factor; a small body is on it."""
+POINT = ("mass", "moment x", "moment y", "moment z")
+"""Linear parameters of a small body: its mass and first moment."""
+
+
+def _point(
+    form: Form, by: np.ndarray, sd: float, extent: float, most: float = np.inf
+) -> Iterator[FormColumn]:
+    """Columns of a small body on a link, by its parameters `POINT`: `by` (N, n, 4)."""
+    yield form, form.term("kg", sd, part=POINT[0], most=most), by[:, :, 0]
+    for p in range(1, len(POINT)):
+        yield form, form.term("kg m", sd * extent, part=POINT[p]), by[:, :, p]
+
+
+def _of_link(form: Form, k: int, s: Signals, model: Operating) -> Iterator[FormColumn]:
+    """Columns of errors of a link: all its parameters, its density, or a body on it."""
+    m, by = s.log.mechanism, s.rigid[:, :, k]
+    sd, size = FORMS.inertia * terms.prior_of_body(m, k), terms.size_of_body(m, k)
+    columns = by @ terms.slopes_of(model.bodies[k])
+    for p, name in enumerate(BODY):
+        if sd[p] > 0.0:
+            yield form, form.term(UNITS[p], sd[p], part=name, most=size[p]), columns[:, :, p]
+    if sd[0] > 0.0:
+        dense, on_it = (replace(form, setting=f"{form.setting} {x}".strip()) for x in (DENSE, BODY_ON_IT))
+        yield dense, dense.term("kg", sd[0], most=size[0]), by @ (model.inertials[k] / model.bodies[k, 0])
+        yield from _point(on_it, by[:, :, : len(POINT)], sd[0], size[1], size[0])
+
+
+@effect("payload")
 def _payload(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
-    form, on = Form("payload", TOOL, "mass"), (s.payload > 0.0)[:, None]
-    column = (s.rigid[:, :, -1] @ payload_of(s.log.mechanism)) * on
-    yield form, form.term("kg", FORMS.payload * scale.loaded), column
+    by, m = s.rigid[:, :, -1], s.log.mechanism
+    column, loaded = by @ payload_of(m), [motion.loaded for motion in s.log.motions]
+    if any(loaded):
+        form = Form("payload", TOOL, "mass")
+        yield form, form.term("kg", FORMS.payload * scale.loaded), column * (s.payload > 0.0)[:, None]
+    if not all(loaded):
+        sd, form = FORMS.unstated * float(np.sum(m.mass)), Form("payload", TOOL, EVERY)
+        yield form, form.term("kg", sd), column
+        point = np.concatenate([column[:, :, None], by[:, :, 1 : len(POINT)]], axis=2)
+        yield from _point(replace(form, setting=ELSEWHERE), point, sd, FORMS.reach)
+        yield from _of_link(replace(form, setting=AS_LINK), m.n - 1, s, model)
 
 
 @effect("payload-offset", needs=_no_loads)
@@ -299,15 +341,8 @@ def _base_tilt(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColum
 
 @effect("inertia")
 def _inertia(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
-    m = s.log.mechanism
-    for k in range(m.n):
-        form = Form("inertia", joint(k), "motion of the link")
-        by, sd = terms.slopes_of(model.bodies[k]), terms.prior_of_body(m, k)
-        columns, size = s.rigid[:, :, k] @ by, terms.size_of_body(m, k)
-        for p, name in enumerate(BODY):
-            if sd[p] > 0.0:
-                term = form.term(UNITS[p], FORMS.inertia * sd[p], part=name, most=size[p])
-                yield form, term, columns[:, :, p]
+    for k in range(s.log.n):
+        yield from _of_link(Form("inertia", joint(k), "motion of the link"), k, s, model)
 
 
 @effect("servo-stiffness", needs=_no_stiffness)
@@ -334,6 +369,13 @@ def _backlash(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn
     load = model.load(s)
     by_way = ("direction of motion", "", "rad", FORMS.deflection, -model.reversal(s))
     return _of_joints("backlash", *map(kind, FORMS.sides), by_way, first=channel(s.log, LINK, 0))
+
+
+def title_of(form: Form) -> str:
+    """What is wrong, in words."""
+    if form.driver != EVERY:
+        return EFFECTS[form.effect].title
+    return UNSTATED + (OR_LINK if form.setting.startswith(AS_LINK) else "")
 
 
 def in_all_joints(forms: Mapping[Form, Sequence[str]]) -> dict[Form, tuple[str, ...]]:

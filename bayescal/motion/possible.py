@@ -14,8 +14,9 @@ from scipy.linalg import solve_triangular
 
 from bayescal.arm.transforms import compiled
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.types import CALIBRATE, LINK, SERVO, TRACKING
-from bayescal.motion.effects import EFFECTS, Scale
+from bayescal.logs.types import CALIBRATE, LINK, SERVO, TRACKING, inertial, with_bodies
+from bayescal.motion.dynamics import inertial_of, payload_of
+from bayescal.motion.effects import AS_LINK, BODY_ON_IT, DENSE, EFFECTS, ELSEWHERE, EVERY, POINT, Scale
 from bayescal.motion.estimate import Estimate
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit
@@ -44,14 +45,19 @@ class Possible:
         by, least = np.zeros((n, 4, 4, len(sd))), np.full(len(sd), -np.inf)
         for k in range(n):
             for p, name in enumerate(BODY):
-                unit = np.where(np.arange(len(BODY)) == p, 1.0, 0.0)
-                for term in (f"{name} of link {k + 1}", f"inertia joint {k + 1} motion of the link {name}"):
+                unit = ABOUT * np.eye(len(BODY))[p]
+                for term in (f"{name} of link {k + 1}", *(f"{stem} {name}" for stem in stems(k, n))):
                     if (column := number.get(term)) is not None:
                         by[k, :, :, column] = pseudo_inertia(unit) * sd[column]
+            away = np.eye(4)
+            away[:3, 3] = -start.bodies[k, 1:4]
+            for term, unit in added(log.mechanism, k, start.bodies[k]).items():
+                if (column := number.get(term)) is not None:
+                    by[k, :, :, column] = away @ pseudo_inertia(unit) @ away.T * sd[column]
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
                 least[column] = -getattr(start, stem)[k] / sd[column]
-        bodies = [pseudo_inertia(body) if body[0] > 0.0 else np.eye(4) for body in start.bodies]
+        bodies = [pseudo_inertia(ABOUT * body) if body[0] > 0.0 else np.eye(4) for body in start.bodies]
         return cls(np.array(bodies), by, least)
 
     def __call__(self, z: np.ndarray) -> bool:
@@ -59,12 +65,17 @@ class Possible:
         return bool(_allowed(self.pseudo + self.by @ z, (z - self.least)[np.isfinite(self.least)]))
 
 
-def pseudo_inertia(body: np.ndarray) -> np.ndarray:
-    """Matrix (4, 4) of a body about its centre, positive definite if there is such a body."""
-    about = body[4 + SIX]
+ABOUT = np.r_[1.0, np.zeros(3), np.ones(6)]
+"""Parameters of a body as `BODY` times these are linear ones about its centre."""
+
+
+def pseudo_inertia(by: np.ndarray) -> np.ndarray:
+    """Matrix (4, 4) of linear parameters (10,) of a body, positive definite if there is such a body."""
+    about = by[4 + SIX]
     out = np.zeros((4, 4))
     out[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    out[3, 3] = body[0]
+    out[:3, 3] = out[3, :3] = by[1:4]
+    out[3, 3] = by[0]
     return out
 
 
@@ -173,8 +184,36 @@ def spread(draws: np.ndarray) -> float:
     return float(np.sqrt(np.max(1.0 + between / within)))
 
 
-HELD = ("armature", "inertia", "base-tilt")
-"""Effects that masses, rotors and the direction of gravity express."""
+OF_TOOL = f"payload tool {EVERY}"
+HELD = ("armature ", "inertia ", "base-tilt ", OF_TOOL)
+"""How terms of effects begin that masses, rotors and the direction of gravity express."""
+
+
+def stems(k: int, n: int) -> tuple[str, ...]:
+    """How terms begin that are errors of a link, from 0."""
+    last = (f"{OF_TOOL} {AS_LINK}",) if k + 1 == n else ()
+    return f"inertia joint {k + 1} motion of the link", *last
+
+
+def added(m: Mechanism, k: int, body: np.ndarray) -> dict[str, np.ndarray]:
+    """By term what one unit of it adds to the parameters (10,) of a link, as `inertial_of`."""
+    unit = np.eye(len(BODY))
+    out, points = {}, {f"{stem} {BODY_ON_IT}": unit[0] for stem in stems(k, m.n)}
+    if body[0] > 0.0:
+        out = {f"{stem} {DENSE}": inertial_of(body) / body[0] for stem in stems(k, m.n)}
+    if k + 1 == m.n:
+        out[OF_TOOL] = points[f"{OF_TOOL} {ELSEWHERE}"] = payload_of(m)
+    for stem, mass in points.items():
+        out |= {f"{stem} {part}": x for part, x in zip(POINT, (mass, *unit[1:4]), strict=True)}
+    return out
+
+
+def with_body(body: np.ndarray, more: np.ndarray) -> np.ndarray:
+    """A link (10,) as `BODY` with what is added to its linear parameters."""
+    whole = inertial_of(body) + more
+    centre = whole[1:4] / whole[0] if whole[0] else body[1:4]
+    about = inertial(whole[0], centre, np.zeros((3, 3)))
+    return np.r_[whole[0], centre, whole[4:] - about[4:]]
 
 
 @dataclass(frozen=True)
@@ -208,8 +247,10 @@ class NamedArm:
         if tracked:
             baseline = (c for c in self.estimate.columns(s) if c[0].name.startswith(TRACKING))
             drives -= sum(self._torque(s, *c) for c in baseline)
-        for name in self.effects - set(HELD):
+        for name in self.effects:
             for term, column in self._columns(s, name):
+                if term.name.startswith(HELD):
+                    continue
                 if kind_of(log, term) == TRACKING or name == "servo-stiffness":
                     drives -= self._torque(s, term, column)
                 elif term.moves:
@@ -269,10 +310,14 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
     model = start.moved(values)
     bodies, armature, gravity = model.bodies.copy(), model.armature.copy(), log.gravity.copy()
     for k in range(m.n):
-        bodies[k] += [values.get(f"inertia joint {k + 1} motion of the link {name}", 0.0) for name in BODY]
+        for stem in stems(k, m.n):
+            bodies[k] += [values.get(f"{stem} {name}", 0.0) for name in BODY]
+        more = (values.get(term, 0.0) * unit for term, unit in added(m, k, model.bodies[k]).items())
+        bodies[k] = with_body(bodies[k], sum(more, np.zeros(len(BODY))))
         armature[k] = max(armature[k] + values.get(f"armature joint {k + 1} acceleration", 0.0), 0.0)
     for axis, name in zip(np.eye(3), "xy", strict=False):
         tilt = values.get(f"base-tilt base gravity direction {name}", 0.0)
         gravity = gravity + tilt * np.cross(axis, log.gravity)
     model = replace(model, bodies=bodies, armature=armature)
-    return NamedArm(estimate, scale, model.mechanism(m, log.torque_kind == SERVO), gravity, values)
+    mechanism, _ = with_bodies(model.mechanism(m, log.torque_kind == SERVO))
+    return NamedArm(estimate, scale, mechanism, gravity, values)

@@ -126,11 +126,19 @@ class Search:
         return replace(h, members=tuple(members))
 
     @cached_property
-    def seen(self) -> dict[str, bool]:
-        """Whether each effect is detectable at any plausible size."""
+    def seen_forms(self) -> dict[Form, bool]:
+        """Whether each form is detectable at any plausible size."""
         _, trace = gains(self.fit(), self.sets, SCALES)
         least = SEARCH.detectable / SCALES[-1] ** 2
-        return {name: bool(np.max(trace[chosen]) > least) for name, chosen in self.by_effect.items()}
+        return {form: bool(np.max(t) > least) for (form, _), t in zip(self.forms, trace, strict=True)}
+
+    @cached_property
+    def seen(self) -> dict[str, bool]:
+        """Whether each effect is detectable in any form."""
+        out: dict[str, bool] = {}
+        for form, seen in self.seen_forms.items():
+            out[form.effect] = seen or out.get(form.effect, False)
+        return out
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -284,7 +292,7 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
         expected = 0.5 * float(change @ held.gram @ change)
         # the gain of a true name is normal: mean and half the variance are what its change predicts
         least = SEARCH.shown * expected - 2.0 * np.sqrt(2.0 * expected)
-        (kept if search.seen[m.form.effect] and gain > least else refused).append(m)
+        (kept if search.seen_forms[m.form] and gain > least else refused).append(m)
     if not refused:
         return v
     probability = dict(v.probability)

@@ -140,6 +140,10 @@ class FormSettings:
 
     payload: float = 0.15
     """Of its mass, relative (assumed)."""
+    unstated: float = 0.05
+    """Of a payload that is not stated, over the mass of the links (arms carry 0.1 to 0.5 of it; assumed)."""
+    reach: float = 0.15
+    """m, of its centre from where that of a payload is stated (assumed)."""
     offset: float = 0.015
     """Of its centre of mass, m (assumed)."""
     armature: float = 0.4

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import PAIRS, SERVO, TRACKING, TRANSITION, inertial
-from bayescal.motion.dynamics import Followed, carried, followed, inertia_matrix
+from bayescal.motion.dynamics import Followed, carried, followed, inertia_matrix, inertial_of
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import BASELINE, SIGNALS
 from bayescal.motion.signals import Signals, derivative, low_passed
@@ -90,7 +90,7 @@ class Operating:
     @property
     def inertials(self) -> np.ndarray:
         """Parameters (n, 10) in which torques are linear, as `Mechanism.inertials`."""
-        return np.array([inertial(b[0], b[1:4], b[4 + SIX]) for b in self.bodies])
+        return np.array([inertial_of(b) for b in self.bodies])
 
     def load(self, s: Signals) -> np.ndarray:
         """Torque (N, n) that the gears carry: rigid bodies and payload, without rotor and friction."""

@@ -18,11 +18,13 @@ from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
+from bayescal.logs.types import inertial
 from bayescal.motion.diagnose import diagnose
 from bayescal.reporting.motion import beyond_stated, motion_summary
 from bayescal.reporting.motion import record as of_log
 from bayescal.reporting.page import Run
 from bayescal.reporting.page.build import run_page
+from bayescal.robots.schema import SIX
 
 BUMP = 0.4
 
@@ -38,6 +40,20 @@ def payload(q, dq, ddq, tau, t, load):
     return np.column_stack([0.0 * outer, inner, outer])
 
 
+MASS, CENTRE = 1.5, np.array([0.2, 0.03, 0.05])
+
+
+def gripper(q, dq, ddq, tau, t, load):
+    """A mass at the last link that no motion states."""
+    m = written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
+    total = inertial(m.mass[2], m.centre[2], m.inertia[2]) + inertial(MASS, CENTRE, 1e-4 * np.eye(3))
+    centre = total[1:4] / total[0]
+    about = total[4 + SIX] - inertial(total[0], centre, np.zeros((3, 3)))[4 + SIX]
+    parts = {"mass": total[0], "centre": centre, "inertia": about}
+    whole = replace(m, **{key: np.concatenate([getattr(m, key)[:2], [x]]) for key, x in parts.items()})
+    return inverse(model_of(whole), q, dq, ddq) - inverse(model_of(m), q, dq, ddq)
+
+
 def constants(q, dq, ddq, tau, t, load):
     return [0.03, -0.02, 0.04] * tau
 
@@ -49,7 +65,7 @@ def bump(q, dq, ddq, tau, t, load):
 @pytest.fixture(scope="module")
 def gaps(tmp_path_factory, null_log, rubbing):
     folder = tmp_path_factory.mktemp("gaps")
-    made = {f.__name__: write(folder / f.__name__, f) for f in (delay, payload, constants, bump)}
+    made = {f.__name__: write(folder / f.__name__, f) for f in (delay, payload, gripper, constants, bump)}
     found = {name: bc.diagnose(path, without=[]) for name, path in {"null": null_log, **made}.items()}
     return found | {"load_friction": rubbing}
 
@@ -139,9 +155,10 @@ def heavier(q, dq, ddq, tau, t, load):
 def test_an_error_of_a_body_is_said_by_its_most_significant_parameter(tmp_path):
     """Mass, centre and inertia have several units: their vector has no length."""
     gap = bc.diagnose(write(tmp_path / "heavier", heavier), without=[])
-    assert "inertia" in gap.effects
-    a = next(a for a in gap.record["amplitudes"] if a["effect"] == "inertia")
-    assert (a["site"], a["unit"]) == ("joint 3", "m")
+    (a,) = gap.record["amplitudes"]
+    # what the last link carries has the same torques, and both have a probability
+    assert (a["site"], a["setting"], a["unit"]) == ("tool", "as of the last link", "m")
+    assert min(gap.probability["inertia"], gap.probability["payload"]) > 0.3
     assert a["value"] == a["components"]["centre x"]["value"] == pytest.approx(0.25, abs=0.1)
     assert a["text"].startswith("centre x ")
     assert {part["unit"] for part in a["components"].values()} == {"kg", "m", "kg m2"}
@@ -207,6 +224,23 @@ def test_an_effect_is_named_with_its_size(gaps, log, effect, site, size):
     assert a.site == site
     assert a.value == pytest.approx(size, abs=max(4 * a.u, 0.2 * size))
     assert gap.probability[effect] > 0.9
+
+
+def test_a_mass_that_no_motion_states_is_a_payload_of_all(gaps, tmp_path):
+    gap = gaps["gripper"]
+    # of three joints, the last carries it: what it is of cannot be told
+    assert (gap.verdict, gap.effects) == ("named", ("payload",))
+    assert gap.probability["payload"] + gap.probability["inertia"] > 0.95
+    assert gap.probability["inertia"] > 0.1
+    (a,) = gap.record["amplitudes"]
+    assert (a["site"], a["driver"]) == ("tool", "mass in every motion")
+    assert "tool: mass that no motion states, or error of the last link, " in " ".join(str(gap).split())
+    # the arm holds it, and so do the files of simulators
+    nominal, arm = gaps["null"].data.arm.mechanism, gap.data.arm.mechanism
+    moment = arm.mass[2] * arm.centre[2] - nominal.mass[2] * nominal.centre[2]
+    assert moment[:2] == pytest.approx(MASS * CENTRE[:2], abs=0.03)  # the third is along the axis
+    gap.save(tmp_path / "run")
+    assert "payload" not in str(bc.export(tmp_path / "run", "mjcf"))
 
 
 def test_a_cause_in_all_joints_has_a_value_in_each(gaps):

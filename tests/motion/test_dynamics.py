@@ -12,7 +12,8 @@ from bayescal.arm.statics import gravity_loads
 from bayescal.logs import read_log
 from bayescal.logs.types import Controller, inertial, mechanism_of
 from bayescal.motion.dynamics import Loads, payload_of, regressor
-from bayescal.motion.effects import EFFECTS, Scale, warming
+from bayescal.motion.effects import AS_LINK, BODY_ON_IT, DENSE, EFFECTS, ELSEWHERE, EVERY, Scale, warming
+from bayescal.motion.possible import added, with_body
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import all_signals
 from bayescal.motion.terms import ALL, FORM, Term, assembled, baseline, nominal
@@ -199,13 +200,14 @@ def test_columns_of_effects_are_derivatives_of_the_torque(null_parts, name):
     s = null_parts[4]
     at = nominal(s.log, np.array([5.0, 20.0, 5.0]))
     scale = Scale(np.ones(3), np.ones(3), 0.8)
-    columns = list(EFFECTS[name].forms(s, at, scale))
+    columns = [c for c in EFFECTS[name].forms(s, at, scale) if not c[0].setting]
     step = 1e-5
 
     def changed(k, size):
         m, log = s.log.mechanism, s.log
         if name == "payload":
-            moved = replace(s, payload=s.payload + size)
+            everywhere = columns[k][0].driver == EVERY
+            moved = replace(s, payload=s.payload + size * (everywhere | (s.payload > 0.0)))
         elif name == "payload-offset":
             centre = m.payload_centre + size * np.eye(3)[k]
             moved = replace(s, log=replace(log, mechanism=replace(m, payload_centre=centre)))
@@ -220,6 +222,32 @@ def test_columns_of_effects_are_derivatives_of_the_torque(null_parts, name):
         slope = (changed(k, step) - changed(k, -step)) / (2 * step)
         slope = slope if column.ndim == 2 else slope[:, term.channel]
         assert column == pytest.approx(slope, abs=1e-5 * max(np.abs(slope).max(), 1.0))
+
+
+def test_bodies_on_links_have_the_torques_of_their_terms(null_parts):
+    """Those of the arm with them, by `regressor`."""
+    s = null_parts[4]
+    at, scale = nominal(s.log, np.array([5.0, 20.0, 5.0])), Scale(np.ones(3), np.ones(3), 0.8)
+    rng = np.random.default_rng(0)
+    seen = set()
+    for effect, k, setting in (
+        ("inertia", 1, BODY_ON_IT), ("inertia", 1, DENSE), ("inertia", 2, BODY_ON_IT),
+        ("payload", 2, ""), ("payload", 2, ELSEWHERE), ("payload", 2, f"{AS_LINK} {DENSE}"),
+        ("payload", 2, f"{AS_LINK} {BODY_ON_IT}"),
+    ):  # fmt: skip
+        site = "tool" if effect == "payload" else f"joint {k + 1}"
+        every = EFFECTS[effect].forms(s, at, scale)
+        columns = [c for c in every if (c[0].site, c[0].setting) == (site, setting) and c[0].driver != "mass"]
+        size_of = {t.name: rng.uniform(0.1, 0.3) for _, t, _ in columns}
+        by = added(s.log.mechanism, k, at.bodies[k])
+        bodies = at.bodies.copy()
+        bodies[k] = with_body(bodies[k], sum(by[name] * size for name, size in size_of.items()))
+        wanted = replace(at, bodies=bodies).load(s) - at.load(s)
+        torque = sum(size_of[t.name] * column for _, t, column in columns)
+        assert np.abs(wanted).max() > 0.1
+        np.testing.assert_allclose(torque, wanted, atol=1e-9)
+        seen |= set(size_of)
+    assert len(seen) == 19
 
 
 def test_motions_at_uneven_times_are_sampled_evenly(null_log):

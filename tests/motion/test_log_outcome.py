@@ -88,7 +88,8 @@ def test_names_explain_their_share_of_a_set_with_an_unknown_cause():
 def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
     """A change of chi-square 100 is a gain of 50 nats with a standard deviation of 10, were the name true."""
     least = SEARCH.shown * 50.0 - 2.0 * 10.0
-    member = SimpleNamespace(form=SimpleNamespace(effect="backlash"))
+    form = Form("backlash", "joint 1", "side of the torque")
+    member = SimpleNamespace(form=form)
     named = Hypothesis((member,), nats, 0.0)
     stated = {"backlash": 0.95, UNKNOWN: 0.03, NULL: 0.02}
     v = Verdict("named", named, named, stated, ("backlash",), {}, 1.0)
@@ -97,16 +98,16 @@ def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
             1: SimpleNamespace(chi2=lambda held: 0.0, vector=np.array([6.0, 8.0])),
             0: SimpleNamespace(chi2=lambda held, gain=gain: 2.0 * gain, vector=np.zeros(2)),
         }
-        seen = {"backlash": True}
-        search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)], seen=seen)
+        seen = {form: True}
+        search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)], seen_forms=seen)
         found = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
         assert (found.named.members == (member,)) == (gain > least)
     lost = 0.95 - VERDICT.not_admitted
     takes = UNKNOWN if nats > VERDICT.structure else NULL
     assert found is v
-    hidden = SimpleNamespace(fit=search.fit, seen={"backlash": False})
+    hidden = SimpleNamespace(fit=search.fit, seen_forms={form: False})
     assert confirmed(v, hidden, SimpleNamespace(gram=np.eye(2))).named.members == ()
-    search = SimpleNamespace(fit=lambda members: fits[len(members)], seen=seen)
+    search = SimpleNamespace(fit=lambda members: fits[len(members)], seen_forms=seen)
     fits[0] = SimpleNamespace(chi2=lambda held: 0.0, vector=np.zeros(2))
     refused = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
     assert refused.probability == pytest.approx(
@@ -135,16 +136,17 @@ def test_no_share_is_all():
 
 
 @pytest.mark.parametrize(
-    ("effect", "missing", "names", "why"),
+    ("effect", "seen", "names", "why"),
     [
-        (UNKNOWN, {}, (UNKNOWN,), "no known effect explains it"),
-        ("armature", {"armature": "too slow"}, ("armature",), "would, but fitted motions do not show it"),
-        ("armature", {}, ("armature",), "would, but withheld motions deny it"),
+        (UNKNOWN, True, (UNKNOWN,), "no known effect explains it"),
+        ("armature", False, ("armature",), "would, but fitted motions do not show it"),
+        ("armature", True, ("armature",), "would, but withheld motions deny it"),
         # what is less probable beside a cause that is not known was not denied by any motion
-        ("armature", {}, ("armature", UNKNOWN), "would, but it is not established beside an unknown cause"),
+        ("armature", True, ("armature", UNKNOWN), "would, but it is not established beside an unknown cause"),
     ],
 )
-def test_why_an_error_has_no_name(effect, missing, names, why):
-    gap = SimpleNamespace(not_assessed=missing, verdict=SimpleNamespace(leading=SimpleNamespace(names=names)))
+def test_why_an_error_has_no_name(effect, seen, names, why):
     place = SimpleNamespace(form=Form(effect, "joint 1", "acceleration"))
+    verdict = SimpleNamespace(leading=SimpleNamespace(names=names))
+    gap = SimpleNamespace(unseen=() if seen else (place.form,), verdict=verdict)
     assert record._why_open(gap, place).endswith(why)

@@ -12,7 +12,7 @@ from bayescal.logs import Log, Mechanism
 from bayescal.logs.schema import arm_text
 from bayescal.logs.types import SERVO, TORQUE
 from bayescal.motion.diagnose import Amplitude, MotionGap, Place
-from bayescal.motion.effects import EFFECTS, Form, at_speed
+from bayescal.motion.effects import EFFECTS, Form, at_speed, title_of
 from bayescal.motion.quantities import UNKNOWN
 from bayescal.motion.search import OTHER, Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
@@ -162,7 +162,7 @@ def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
         **vars(form),
         "probability": gap.verdict.probability[effect],
         "relevant": any(a.relevant for a in sizes),
-        "text": f"{site_of(form)}: {EFFECTS[effect].title}, {size_of(sizes[0])}",
+        "text": f"{site_of(form)}: {title_of(form)}, {size_of(sizes[0])}",
         "remedy": EFFECTS[effect].remedy,
     }
 
@@ -213,7 +213,7 @@ def words(gap: MotionGap) -> list[str]:
         effect = EFFECTS[m.form.effect]
         p = v.probability[effect.name]
         site, word = site_of(m.form), "Effect found" if p >= SURE else "Probable effect"
-        what = f"{effect.title}, {size_of(a)}{_at_speed(gap, a)}"
+        what = f"{title_of(m.form)}, {size_of(a)}{_at_speed(gap, a)}"
         out.append(f"{word} at {SITES.get(site, site)}: {what} ({_sure(p)}).")
         if not a.relevant:
             out.append(f"{effect.name} is not relevant: the withheld error changes by < 1 %.")
@@ -258,11 +258,11 @@ def _why_open(gap: MotionGap, place: Place) -> str:
     if place.form.effect not in EFFECTS:
         return "no known effect explains it"
     name, why = place.form.effect, "withheld motions deny it"
-    if name in gap.not_assessed:
+    if place.form in gap.unseen:
         why = "fitted motions do not show it"
     elif UNKNOWN in gap.verdict.leading.names:
         why = "it is not established beside an unknown cause"
-    return f"{name} ({EFFECTS[name].title}) would, but {why}"
+    return f"{name} ({title_of(place.form)}) would, but {why}"
 
 
 def _at_speed(gap: MotionGap, a: Amplitude) -> str:
