@@ -201,6 +201,9 @@ def test_a_prior_width_in_a_model_is_explained(session):
     assert "--model 'geometry,backlash at joint 3 x0.25'" in said
     assert "x0.25: prior widths, over the usual ones" in said
     assert "prior widths" not in printed(replace(gap, refit=plain))
+    unconfirmed = tuple(replace(n, confirmed=False) for n in gap.verdict.named)
+    verdict = replace(gap.verdict, named=unconfirmed)
+    assert "--model 'geometry" not in printed(replace(gap, refit=wide, verdict=verdict))
 
 
 def test_several_shifts_are_said_in_the_order_of_time_with_their_sites(session):

@@ -149,7 +149,7 @@ WIDTH = re.compile(r" (x[\d.]+)")
 def _amplitudes(gap: Gap, record: Json) -> text.Facts:
     """Amplitudes of the named effects, and the model that has them."""
     yield from text.under("amplitude", causes.lines(gap), "bold")
-    if record["amplitudes"]:
+    if record["amplitudes"] and any(n["confirmed"] for n in record["named"]):
         refit = record["refit"]
         without = f" --without '{','.join(refit['without'])}'" if refit["without"] else ""
         yield "refit", f"--model '{refit['model']}'{without}", ""
