@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from bayescal.changes.joint import Joint, changes, listed
+from bayescal.changes.joint import Item, Joint, changes, listed
 from bayescal.changes.stops import Covariance, Stops, displacements
 from bayescal.effects import Parameter
 from bayescal.effects.common import within
@@ -48,6 +48,10 @@ FIRST, LEAST = 0.03, 1e-4
 FORM = 0.05
 """Standard deviation of what may differ between sessions in an error that all have, over its size: forms of
 effects are approximate, and act differently where poses and ways differ (assumed)."""
+
+
+Key = tuple[str, str, str, int]
+"""Name, site and driver of a parameter, and its number among those that have the same."""
 
 
 @dataclass(frozen=True)
@@ -99,115 +103,178 @@ class Evidence:
         return tuple(np.array(columns, int).reshape(len(self.joint.sessions) - 1, -1) for columns in of)
 
 
-def evidence(joint: Joint) -> Evidence:
-    """The evidence of all changes of a joint estimate."""
-    estimate, c, parts = joint.estimate, joint.circumstances, joint.sessions
-    fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
-    free = [i for i in joint.items if i.kind not in ("arm", "setup")]
-    model = estimate.model
-    # an error that the model lacks is none at the joint fit, not the prior's mean
-    of_effects = [
-        (effect.name, replace(p, mean=None, positive=False))
-        for effect, parameters in listed(replace(c, sessions=()), model.effects)
-        for p in parameters
-    ]
-    smooth = [(f.name, p) for f in families(c) for p in f.parameters]
-    # smooth changes have no variance: few sessions have one, and their columns are most of all
-    more = [
-        (f"change: {i.effect}" if i.kind == "effect" else "", within(p, s))
-        for s in parts[1:]
-        for i in free
-        for p in i.parameters
-    ]
-    labels = [label for label, _ in (*of_effects, *smooth, *more)]
-    errors_of = [p for _, p in (*of_effects, *smooth)]
-    at_stop = displacements(c.robot.n)
-    j, g, e, rows = linearised_with(estimate, [*errors_of, *(p for _, p in more), *at_stop])
+@dataclass(frozen=True)
+class _Beside:
+    """What explains residuals beside the unknowns of a joint fit: errors that the model lacks, changes."""
+
+    families: tuple[str, ...]  # of errors, then of changes; "" of a change without a variance
+    errors: tuple[Parameter, ...]
+    names: tuple[str, ...]  # of the errors; "" of smooth functions
+    changes: tuple[Parameter, ...]  # of items that are no unknowns of the joint fit
+
+    @classmethod
+    def of(cls, joint: Joint, free: Sequence[Item]) -> "_Beside":
+        """All errors, and changes of some items."""
+        c = joint.circumstances
+        # an error that the model lacks is none at the joint fit, not the prior's mean
+        listed_errors = [
+            (effect.name, p.name, replace(p, mean=None, positive=False))
+            for effect, parameters in listed(replace(c, sessions=()), joint.estimate.model.effects)
+            for p in parameters
+        ]
+        errors = [*listed_errors, *((f.name, "", p) for f in families(c) for p in f.parameters)]
+        # smooth changes have no variance: few sessions have one, and their columns are most of all
+        changed = [
+            (f"change: {i.effect}" if i.kind == "effect" else "", within(p, s))
+            for s in joint.sessions[1:]
+            for i in free
+            for p in i.parameters
+        ]
+        labels = (*(label for label, _, _ in errors), *(label for label, _ in changed))
+        names, parameters = tuple(name for _, name, _ in errors), tuple(p for _, _, p in errors)
+        return cls(labels, parameters, names, tuple(p for _, p in changed))
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations (N, N) and their gradient (N,): unknowns of the joint fit, errors, changes.
+
+    Priors are in them, but of changes, whose prior belongs to a hypothesis, and of errors.
+    """
+
+    information: np.ndarray
+    slope: np.ndarray
+    noise: Covariance
+    variances: dict[str, float]  # of families
+    session: np.ndarray  # (R,) of each residual
+    shared: np.ndarray  # numbers of the unknowns that no change moves
+    errors: np.ndarray
+    changed: np.ndarray
+    origin: np.ndarray  # of each change, at the joint fit
+
+
+def _equations(joint: Joint, beside: _Beside, fixed: int) -> _Equations:
+    """The equations about a joint fit; the last `fixed` parameters of its arm are changes."""
+    estimate, m = joint.estimate, joint.dataset.measurements
+    at_stop = displacements(joint.circumstances.robot.n)
+    j, g, e, rows = linearised_with(estimate, [*beside.errors, *beside.changes, *at_stop])
     g, by_stop = g[:, : -len(at_stop)], g[:, -len(at_stop) :]
-    nuisance = len(errors_of)
-    session = np.argmax([s.rows[rows] for s in parts], axis=0)
-    target = joint.dataset.measurements.target[rows]
-    of_group, group = np.unique(np.stack([session, target]), axis=1, return_inverse=True)
-    of_group, group = of_group[0], group.ravel()
-    d, linear = j.shape[1], estimate.linear
-    certified = slice(sum(b.residuals for b in model.blocks), None)
-    held = linear.jacobian[certified]
+    session = np.argmax([s.rows[rows] for s in joint.sessions], axis=0)
+    of_group, group = np.unique(np.stack([session, m.target[rows]]), axis=1, return_inverse=True)
+    d, count = j.shape[1], len(beside.errors)
+    certified = slice(sum(b.residuals for b in estimate.model.blocks), None)
+    held = estimate.linear.jacobian[certified]
     prior = held.T @ held + np.eye(d)  # of certificates and priors, and the gradient of both
-    pull = held.T @ linear.residual[certified] + estimate.z
-    arm = model.slices[ARM].stop
-    count = len(changes(fixed, parts))
-    fixed_changes = np.arange(arm - count, arm)
-    label_of = np.array(labels, dtype=object)
-    used = label_of != ""
-    stops = Stops.of(joint.dataset.measurements, rows, session, by_stop)
-    noise, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, label_of[used], stops)
+    pull = held.T @ estimate.linear.residual[certified] + estimate.z
+    labels = np.array(beside.families, dtype=object)
+    used = labels != ""
+    stops = Stops.of(m, rows, session, by_stop)
+    noise, variances = _variances(
+        j, g[:, used], e, group.ravel(), of_group[0], prior, pull, labels[used], stops
+    )
     x = np.column_stack([j, g])
     weighted = noise.weighted(x)
     full = weighted.T @ x
     full = 0.5 * (full + full.T)
-    scale = noise.kappa * scales_of(estimate)  # residuals are whitened by the scales of the joint fit
-    size = np.array([variances[label] for label in labels[:nuisance]])
     full[:d, :d] += prior
     slope = weighted.T @ e
     slope[:d] += pull
-    # changes have no prior here: it belongs to a hypothesis
-    full[fixed_changes, fixed_changes] -= 1.0
-    slope[fixed_changes] -= estimate.z[fixed_changes]
-    errors = np.arange(d, d + nuisance)
-    changed = np.concatenate([fixed_changes, np.arange(d + nuisance, len(slope))])
-    wide = np.concatenate([changed, errors])
-    origin = np.concatenate([estimate.z[fixed_changes], np.zeros(len(slope) - d - nuisance)])
-    shared = np.setdiff1d(np.arange(d), fixed_changes)
-    right = np.column_stack([full[np.ix_(shared, wide)], slope[shared]])
-    solved = _inverse(full[np.ix_(shared, shared)]) @ right
-    beside = full[np.ix_(wide, wide)] - full[np.ix_(wide, shared)] @ solved[:, :-1]
-    beside = 0.5 * (beside + beside.T)
-    along = full[np.ix_(wide, shared)] @ solved[:, -1] - slope[wide] + beside[:, : len(changed)] @ origin
-    full[errors, errors] += 1.0 / size
-    kept = np.setdiff1d(np.arange(len(slope)), changed)
-    inner = _inverse(full[np.ix_(kept, kept)])
-    follow = -inner @ full[np.ix_(kept, changed)]
-    number = {id(i): k for k, i in enumerate(joint.items)}
-    columns = tuple(
-        Column(number[id(i)], k, p)
-        for items in (fixed, free)
-        for k in range(1, len(parts))
-        for i in items
-        for p in i.parameters
-    )
-    z = np.concatenate([estimate.z, np.zeros(nuisance)])[kept]
-    start = z - inner @ slope[kept] - follow @ origin
-    centre = model.physical(np.zeros(model.size))
-    sizes = np.append(model.physical(np.ones(model.size)) - centre, [p.sd for p in errors_of])
-    centres = np.append(centre, np.zeros(nuisance))
-    names = (*model.names, *(p.name for _, p in of_effects), *("" for _ in smooth))
+    arm = estimate.model.slices[ARM].stop
+    of_arm = np.arange(arm - fixed, arm)
+    full[of_arm, of_arm] -= 1.0
+    slope[of_arm] -= estimate.z[of_arm]
+    return _Equations(
+        full, slope, noise, variances, session,
+        shared=np.setdiff1d(np.arange(d), of_arm),
+        errors=np.arange(d, d + count),
+        changed=np.concatenate([of_arm, np.arange(d + count, len(slope))]),
+        origin=np.concatenate([estimate.z[of_arm], np.zeros(len(beside.changes))]),
+    )  # fmt: skip
+
+
+def _without_shared(q: _Equations) -> tuple[np.ndarray, np.ndarray]:
+    """Information and score of changes, then of errors, with the shared unknowns integrated out."""
+    wide, shared = np.concatenate([q.changed, q.errors]), q.shared
+    right = np.column_stack([q.information[np.ix_(shared, wide)], q.slope[shared]])
+    across = q.information[np.ix_(wide, shared)]
+    solved = _inverse(q.information[np.ix_(shared, shared)]) @ right
+    of_wide = q.information[np.ix_(wide, wide)] - across @ solved[:, :-1]
+    of_wide = 0.5 * (of_wide + of_wide.T)
+    score = across @ solved[:, -1] - q.slope[wide] + of_wide[:, : len(q.changed)] @ q.origin
+    return of_wide, score
+
+
+def _forms(joint: Joint, columns: Sequence[Column], amplitudes: dict[Key, float]) -> np.ndarray:
+    """Standard deviations (K,) of what may differ between sessions in an error that all have."""
     form = np.zeros(len(columns))
-    seen = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
-    amplitude = dict(zip(_keys(errors_of), seen.tolist(), strict=True))
-    for k in range(1, len(parts)):
+    for k in range(1, len(joint.sessions)):
         later = [i for i, c in enumerate(columns) if c.session == k]
         for i, key in zip(later, _keys([columns[i].parameter for i in later]), strict=True):
             if joint.items[columns[i].item].name in joint.scattered:
                 form[i] = 1.0
             elif not columns[i].parameter.unit.endswith(PER_MOMENT):
-                form[i] = FORM * amplitude.get(key, 0.0)
+                form[i] = FORM * amplitudes.get(key, 0.0)
+    return form
+
+
+def _columns(joint: Joint, *of: Sequence[Item]) -> tuple[Column, ...]:
+    """Columns of items, those of each kind in all sessions together."""
+    number = {id(i): k for k, i in enumerate(joint.items)}
+    return tuple(
+        Column(number[id(i)], k, p)
+        for items in of
+        for k in range(1, len(joint.sessions))
+        for i in items
+        for p in i.parameters
+    )
+
+
+def evidence(joint: Joint) -> Evidence:
+    """The evidence of all changes of a joint estimate."""
+    estimate, model = joint.estimate, joint.estimate.model
+    fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
+    free = [i for i in joint.items if i.kind not in ("arm", "setup")]
+    beside, columns = _Beside.of(joint, free), _columns(joint, fixed, free)
+    count, nuisance = len(changes(fixed, joint.sessions)), len(beside.errors)
+    q = _equations(joint, beside, count)
+    information, score = _without_shared(q)
+
+    labels = beside.families[:nuisance]
+    size = np.array([q.variances[label] for label in labels])
+    full = q.information.copy()
+    full[q.errors, q.errors] += 1.0 / size
+    kept = np.setdiff1d(np.arange(len(q.slope)), q.changed)
+    inner = _inverse(full[np.ix_(kept, kept)])
+    follow = -inner @ full[np.ix_(kept, q.changed)]
+    z = np.concatenate([estimate.z, np.zeros(nuisance)])[kept]
+    start = z - inner @ q.slope[kept] - follow @ q.origin
+
+    # of what is told, not its noise
+    seen = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[len(estimate.z) - count :]
+    form = _forms(joint, columns, dict(zip(_keys(beside.errors), seen.tolist(), strict=True)))
     by = np.diag(np.concatenate([form, np.sqrt(np.where(size > NONE, size, 0.0))]))
-    beside, along, _ = integrated(beside, along, by[:, np.any(by, axis=0)])
-    families_of, changes_of = np.array(labels[:nuisance]), slice(len(columns))
-    every = []
-    for label in dict.fromkeys(labels[:nuisance]):
-        members = len(columns) + np.flatnonzero(families_of == label)
-        inside = beside[np.ix_(members, members)]
-        every.append(Errors(beside[changes_of, members], inside, along[members], variances[label]))
+    information, score, _ = integrated(information, score, by[:, np.any(by, axis=0)])
+    of_changes, every = slice(len(columns)), []
+    for label in dict.fromkeys(labels):
+        members = len(columns) + np.flatnonzero(np.array(labels) == label)
+        inside = information[np.ix_(members, members)]
+        every.append(Errors(information[of_changes, members], inside, score[members], q.variances[label]))
+
+    centre = model.physical(np.zeros(model.size))
+    names = (*model.names, *beside.names)
+    sizes = np.append(model.physical(np.ones(model.size)) - centre, [p.sd for p in beside.errors])
+    centres = np.append(centre, np.zeros(nuisance))
+    scale = q.noise.kappa * scales_of(estimate)  # residuals are whitened by the scales of the joint fit
     return Evidence(
-        joint, columns, beside[changes_of, changes_of], along[changes_of], start, follow,
+        joint, columns, information[of_changes, of_changes], score[of_changes], start, follow,
         tuple(names[k] for k in kept), sizes[kept], centres[kept],
-        np.sqrt(np.bincount(session, scale**2) / np.bincount(session)), noise.share, variances, tuple(every),
+        np.sqrt(np.bincount(q.session, scale**2) / np.bincount(q.session)), q.noise.share, q.variances,
+        tuple(every),
     )  # fmt: skip
 
 
-def _keys(parameters: Sequence[Parameter]) -> list[tuple[str, str, str, int]]:
-    """What errors of all sessions and their changes have in common: name, site, driver, and their number."""
+def _keys(parameters: Sequence[Parameter]) -> list[Key]:
+    """What errors of all sessions and their changes have in common."""
     count: Counter[tuple[str, str, str]] = Counter()
     out = []
     for p in parameters:
