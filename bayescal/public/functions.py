@@ -127,7 +127,6 @@ def fit(
     from bayescal import calibration
     from bayescal.assess.agreement import agreement
     from bayescal.model.options import FitOptions
-    from bayescal.posterior.checkpoint import Checkpoint
 
     others, logs = motions.divided(dataset)
     if (folder := motions.log_of(logs)) is not None and not others:
@@ -137,7 +136,11 @@ def fit(
     effects = names(model) or calibration.usual_model(session)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
-    kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
+    kept = None
+    if checkpoint is not None and samples:
+        from bayescal.posterior.checkpoint import Checkpoint  # and emcee with it
+
+        kept = Checkpoint(Path(checkpoint), say)
     if folder is not None:
         from bayescal.motion.together import fit_together
 

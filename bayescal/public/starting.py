@@ -118,9 +118,12 @@ class CheckResult(Printed):
     def record(self) -> Json:
         """The content of `bayescal check --to json`."""
         from bayescal.preparing.check import Check, check_record
+
+        if isinstance(self.data, Check):
+            return check_record(self.data)
         from bayescal.preparing.joint_log import log_record
 
-        return check_record(self.data) if isinstance(self.data, Check) else log_record(self.data)
+        return log_record(self.data)
 
     @cached_property
     def joints(self) -> DataFrame:
@@ -186,9 +189,10 @@ def check(
     from bayescal.dataset.read import expanded_robot
     from bayescal.logs import is_log
     from bayescal.preparing.check import check as run
-    from bayescal.preparing.joint_log import check_log
 
     if is_log(Path(folder)):
+        from bayescal.preparing.joint_log import check_log  # and scipy.signal with it
+
         return CheckResult(check_log(Path(folder), [Path(file) for file in calibration]))
     if calibration:
         raise BayescalError("is an option of joint logs", "--calibration", "remove it")

@@ -4,17 +4,19 @@ from collections.abc import Iterator
 from itertools import groupby
 from operator import itemgetter
 from shlex import quote
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
 from bayescal.errors import listed
 from bayescal.preparing.check import Check
-from bayescal.preparing.joint_log import LogCheck
 from bayescal.preparing.missing import KINDS, Finding
 from bayescal.reporting.sheet import Column, Sheet, headed, screen
 from bayescal.reporting.text import MISSING, Facts, by_reason, with_u
 from bayescal.storage.reading import Json
+
+if TYPE_CHECKING:  # with it comes all that reads joint logs
+    from bayescal.preparing.joint_log import LogCheck
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}
 STYLES = {"refused": "red", "odd": "yellow", "missing": "yellow"}
@@ -22,13 +24,13 @@ MOST = 6
 """Targets that are listed each; more of one kind are counted."""
 
 
-def check_summary(of: Check | LogCheck, record: Json) -> RenderableType:
+def check_summary(of: "Check | LogCheck", record: Json) -> RenderableType:
     """What is understood, what can be assessed, and all findings; `record` is that of the check."""
-    if isinstance(of, LogCheck):
-        name, robot = record["dataset"], record["robot"]["name"]
-        head = headed(name, robot if robot != name else "")
-        return screen(head, _grouped(_log_lines(of, record)), "", joint_sheet(record))
-    return screen(f"{record['dataset']}  {record['robot']['name']}", _grouped(_lines(of, record)))
+    name, robot = record["dataset"], record["robot"]["name"]
+    if isinstance(of, Check):
+        return screen(f"{name}  {robot}", _grouped(_lines(of, record)))
+    head = headed(name, robot if robot != name else "")
+    return screen(head, _grouped(_log_lines(of, record)), "", joint_sheet(record))
 
 
 def _lines(of: Check, record: Json) -> Facts:
@@ -53,7 +55,7 @@ def _found(findings: tuple[Finding, ...]) -> Facts:
         yield TITLES[f.kind], f"{f.where}: {f.what}; {f.remedy}", STYLES[f.kind]
 
 
-def _log_lines(of: LogCheck, record: Json) -> Facts:
+def _log_lines(of: "LogCheck", record: Json) -> Facts:
     """A joint log: what is understood, what can be assessed, findings."""
     torque, stamps = record["torque"], record["stamps"]
     kind = f"torque: {torque['kind'] or 'none'}{'' if torque['signed'] else ', unsigned'}"
