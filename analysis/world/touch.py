@@ -108,8 +108,9 @@ class World:
             link = at @ LINK_FROM_READING.T
             load = self.arm.weigh(coordinates)
             extra = s.payload + moved.kilos
-            if np.any(extra):
-                load += extra[:, None] * (self.arm.weigh(coordinates, 1.0) - load)
+            loaded = np.flatnonzero(extra)
+            of_mass = self.arm.weigh(coordinates[loaded], 1.0) - load[loaded]
+            load[loaded] += extra[loaded, None] * of_mass
             if np.any(moved.aside):
                 load += self._leaning(coordinates, moved.aside)
             if acts:

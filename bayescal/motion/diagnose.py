@@ -309,9 +309,9 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     if v.named.members:
         size = expected.rms
         first, last = (np.concatenate([_blocks(x / size, pool) for x in of]) for of in (before, after))
-        share = _removed(first, last)
+        share = float(_removed(first, last))
         picked = np.random.default_rng(0).integers(0, len(first), (OUTCOME.draws, len(first)))
-        draws = [_removed(first[k], last[k]) for k in picked]
+        draws = _removed(first[picked], last[picked])
         if np.any(np.isfinite(draws)):
             low, high = map(float, np.nanquantile(draws, (0.025, 0.975)))
     shown = course(pool, expected.floor, before, after)
@@ -335,10 +335,17 @@ def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:
     return np.array([part.mean(axis=0).filled(np.nan) for part in np.array_split(masked, count)])
 
 
-def _removed(before: np.ndarray, after: np.ndarray) -> float:
-    """Share of the excess variance, in units of the noise (B, n), that is removed, at most all of it."""
-    over, gone = (np.ma.masked_invalid(x).mean(axis=0).filled(0.0) for x in (before - 1.0, before - after))
-    return min(float(np.sum(gone) / np.sum(over)), 1.0) if np.sum(over) > 0.0 else np.nan
+def _removed(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Shares (...) of the excess variance, in units of the noise (..., B, n), removed, at most all of it."""
+    over, gone = (_means(x).sum(axis=-1) for x in (before - 1.0, before - after))
+    share = np.divide(gone, over, out=np.full(np.shape(over), np.nan), where=over > 0.0)
+    return np.minimum(share, 1.0)
+
+
+def _means(x: np.ndarray) -> np.ndarray:
+    """Means (..., n) of the finite values of (..., B, n), 0 where there are none."""
+    finite = np.isfinite(x)
+    return np.where(finite, x, 0.0).sum(axis=-2) / np.maximum(finite.sum(axis=-2), 1)
 
 
 def not_assessed(search: Search, pool: Pool) -> dict[str, str]:

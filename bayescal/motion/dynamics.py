@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayescal.arm.transforms import compiled
+from bayescal.arm.transforms import compiled, cross
 from bayescal.logs import Mechanism
 from bayescal.logs.types import PAIRS, inertial
 from bayescal.robots.schema import SIX
@@ -31,9 +31,9 @@ def _times_inertia(v: np.ndarray) -> np.ndarray:
 
 def turns(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """Rotations (n, N, 3, 3) of every body in the one before it, at joint angles (N, n)."""
-    cross = cross_matrix(m.axis)[:, None]
+    by_axis = cross_matrix(m.axis)[:, None]
     sine, cosine = np.sin(q.T)[..., None, None], np.cos(q.T)[..., None, None]
-    return m.place[:, None, :3, :3] @ (np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+    return m.place[:, None, :3, :3] @ (np.eye(3) + sine * by_axis + (1.0 - cosine) * (by_axis @ by_axis))
 
 
 def regressor(
@@ -79,10 +79,10 @@ def _wrenches(
     for k in range(m.n):
         to_body = np.swapaxes(turn[k], 1, 2)
         origin = m.place[k, :3, 3]
-        pull = pull + np.cross(turning, origin) + np.cross(rate, np.cross(rate, origin))
+        pull = pull + cross(turning, origin) + cross(rate, cross(rate, origin))
         pull, rate, turning = (np.einsum("nij,nj->ni", to_body, v) for v in (pull, rate, turning))
         spin = m.axis[k] * dq[:, k, None]
-        turning = turning + np.cross(rate, spin) + m.axis[k] * ddq[:, k, None]
+        turning = turning + cross(rate, spin) + m.axis[k] * ddq[:, k, None]
         rate = rate + spin
         force, moment = np.zeros((2, count, 3, PARAMETERS))
         wheel = cross_matrix(rate)

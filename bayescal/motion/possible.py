@@ -102,20 +102,33 @@ def _allowed(bodies, over):
 
 
 @_jit
+def _mixed(out, c, x, d, y):
+    """Put c x + d y in `out`, all (N,): as a loop, which is compiled in half the time."""
+    for k in range(len(out)):
+        out[k] = c * x[k] + d * y[k]
+
+
+@_jit
 def _slices(away, middle, bodies, over, steps, bodies_by, over_by, chances):
     """Elliptical slices from `away` (K,) of the mean; each of `steps` (S, K) draws one, put in its place.
 
-    The limits are linear: `middle` (n, 4, 4) and (M,) at the mean, `bodies`, `over` by `away`, and
+    The limits are linear: `middle` (16 n,) and (M,) at the mean, `bodies`, `over` by `away`, and
     `bodies_by`, `over_by` by the steps. `chances` (S, `SHRUNK`) are uniform.
     """
+    new, least, there = np.empty_like(bodies), np.empty_like(over), np.empty_like(away)
+    changed, margin = np.empty_like(bodies), np.empty_like(over)
     for s in range(len(steps)):
         angle = 2.0 * math.pi * chances[s, 0]
         low, high = angle - 2.0 * math.pi, angle
         for t in range(1, SHRUNK):
             c, d = math.cos(angle), math.sin(angle)
-            new, least = c * bodies + d * bodies_by[s], c * over + d * over_by[s]
-            if _allowed(middle[0] + new, middle[1] + least):
-                bodies, over, away = new, least, c * away + d * steps[s]
+            _mixed(new, c, bodies, d, bodies_by[s])
+            _mixed(least, c, over, d, over_by[s])
+            _mixed(changed, 1.0, middle[0], 1.0, new)
+            _mixed(margin, 1.0, middle[1], 1.0, least)
+            if _allowed(changed.reshape(-1, 4, 4), margin):
+                _mixed(there, c, away, d, steps[s])
+                bodies[:], over[:], away[:] = new, least, there
                 break
             if angle < 0.0:
                 low = angle
@@ -137,7 +150,7 @@ def draws_within(fit: Fit, possible: Possible, count: int, seed: int, total: int
     rng, mean, size = np.random.default_rng(seed), fit.z, len(fit.z)
     limited = np.flatnonzero(np.isfinite(possible.least))
     flat = possible.by.reshape(-1, size).T
-    middle = possible.pseudo + possible.by @ mean, (mean - possible.least)[limited]
+    middle = np.ravel(possible.pseudo + possible.by @ mean), (mean - possible.least)[limited]
     total = CALIBRATION.steps if total is None else total
     thin = max(total // (CALIBRATION.chains * count), CALIBRATION.least_thin)
     out = np.empty((CALIBRATION.chains, count, size))
@@ -148,9 +161,9 @@ def draws_within(fit: Fit, possible: Possible, count: int, seed: int, total: int
             rows = min(max(CALIBRATION.at_once // thin, 1), count - filled)
             normal = rng.standard_normal((rows * thin, size))
             steps = np.ascontiguousarray(solve_triangular(fit.factor[0], normal.T, trans="T", lower=True).T)
-            bodies = (steps @ flat).reshape(-1, *possible.pseudo.shape)
+            bodies = steps @ flat
             chances = rng.uniform(size=(len(steps), SHRUNK))
-            start = possible.by @ away, away[limited]
+            start = np.ravel(possible.by @ away), away[limited]
             over = np.ascontiguousarray(steps[:, limited])
             away = _slices(away, middle, *start, steps, bodies, over, chances)
             kept = steps[thin - 1 :: thin]
