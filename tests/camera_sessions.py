@@ -1,5 +1,7 @@
 """Sessions of a camera and a board, simulated with a few lines that share only the arm with the model."""
 
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,28 +33,37 @@ ON_FLANGE = pose([3, -2, 40], [0.03, -0.05, 0.06])
 FIXED = {"flange": pose([180, 0, 17], [0.42, -0.1, 0.02]), "fixed": pose([-100, 5, -90], [-0.1, 0.1, 0.5])}
 
 
+@cache
+def _views(mount, seed, zeros, scale, number):
+    """Full views of a draw of poses, counted from 0: readings, exact corners; and the generator behind it."""
+    before = _views(mount, seed, zeros, scale, number - 1)[2] if number else np.random.default_rng(seed)
+    rng = deepcopy(before)
+    robot, _ = load_robot("fanuc-lrmate200ic")
+    fixed, board = FIXED[mount], scale * BOARD
+    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (4000, robot.n))
+    reading = (q * np.sign(np.diag(robot.link_from_reading))) @ np.linalg.inv(robot.link_from_reading).T
+    angles = link_angles(robot, reading)
+    tool = frames(chain_of(robot), angles + np.array(zeros))[:, -1] @ ON_FLANGE
+    seen = np.linalg.inv(tool) @ fixed if mount == "flange" else np.linalg.inv(fixed) @ tool
+    reading, seen = reading[facing := seen[:, 2, 2] > 0.6], seen[facing]
+    at = np.einsum("nij,kj->nki", seen[:, :3, :3], board) + seen[:, None, :3, 3]
+    uv = at[..., :2] / at[..., 2:] * FOCAL + CENTRE
+    good = (at[..., 2].min(axis=1) > 0.2) & (at[..., 2].max(axis=1) < 1.0)
+    good &= np.all((uv > 0) & (uv < SIZE), axis=(1, 2))
+    return reading[good], uv[good], rng
+
+
 def camera_session(
     mount="flange", images=20, noise=0.2, seed=0, arm=None, scale=1.0, placed=True, velocity=True, validate=0
 ):
     """A session of `images` full views of a ChArUco board; `arm`: errors of the joints' zeros, rad."""
-    rng = np.random.default_rng(seed)
     robot, _ = load_robot("fanuc-lrmate200ic")
-    chain, zeros = chain_of(robot), np.zeros(robot.n) if arm is None else np.asarray(arm)
-    fixed, board = FIXED[mount], scale * BOARD
-    readings, pixels = [], []
+    zeros, fixed = tuple(np.zeros(robot.n) if arm is None else arm), FIXED[mount]
+    readings, pixels, draws = [], [], 0
     while len(readings) < images:
-        q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (4000, robot.n))
-        reading = (q * np.sign(np.diag(robot.link_from_reading))) @ np.linalg.inv(robot.link_from_reading).T
-        angles = link_angles(robot, reading)
-        tool = frames(chain, angles + zeros)[:, -1] @ ON_FLANGE
-        seen = np.linalg.inv(tool) @ fixed if mount == "flange" else np.linalg.inv(fixed) @ tool
-        reading, seen = reading[facing := seen[:, 2, 2] > 0.6], seen[facing]
-        at = np.einsum("nij,kj->nki", seen[:, :3, :3], board) + seen[:, None, :3, 3]
-        uv = at[..., :2] / at[..., 2:] * FOCAL + CENTRE
-        good = (at[..., 2].min(axis=1) > 0.2) & (at[..., 2].max(axis=1) < 1.0)
-        good &= np.all((uv > 0) & (uv < SIZE), axis=(1, 2))
-        readings += list(reading[good])
-        pixels += list(uv[good])
+        reading, uv, after = _views(mount, seed, zeros, scale, draws)
+        readings, pixels, draws = [*readings, *reading], [*pixels, *uv], draws + 1
+    rng = deepcopy(after)
     count = len(BOARD)
     pixel = np.array(pixels[:images]) + noise * rng.standard_normal((images, count, 2))
     rows = np.repeat(np.arange(images), count)

@@ -1,6 +1,7 @@
 """Fitted arms for tests of exports: random values of all parameters, as large as their priors."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from sessions import simulated
@@ -26,14 +27,19 @@ def with_robot(dataset, robot):
     return replace(dataset, robot=robot, robot_reference="robot.yaml")
 
 
+@cache
+def fitted():
+    """The estimate whose model and values `fake` replaces."""
+    return estimate(build(Scene(session_of()), ("geometry",)))
+
+
 def fake(session, effects, seed=0, scale=0.7):
     """An arm with random values; physically positive ones are positive."""
     model = build(Scene(session), effects)
-    found = estimate(build(Scene(session_of()), ("geometry",)))
     z = scale * np.random.default_rng(seed).standard_normal(model.size)
     positive = [k for k, p in enumerate(model.parameters) if p.positive]
     z[positive] = np.abs(z[positive])
-    return of_estimate(replace(found, model=model, z=z), 0.01 * np.eye(model.size))
+    return of_estimate(replace(fitted(), model=model, z=z), 0.01 * np.eye(model.size))
 
 
 def robot_of(path, tmp_path):

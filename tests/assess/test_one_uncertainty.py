@@ -428,7 +428,8 @@ def simulated_fit():
 def test_distances_that_share_a_centre(placements):
     """A ball moves a distance whose second end it is, and one whose first, in opposite senses."""
     some = Options(contacts=60, later=6, repeats=4, spheres=3, placements=placements, seed=7)
-    basis = fit(simulate(some).dataset, ("geometry", "compliance"), samples=0).basis
+    scene = Scene(simulate(some).dataset, oriented=True)
+    basis = Basis(stated(calibrated(scene, ("geometry", "compliance"))))
     wide = basis.stated.wide.model
     d = centre_distances(wide.scene, basis.prepared.located, np.zeros((len(wide.parameters),) * 2))
     m = distances(basis, certified_distances(basis), "")

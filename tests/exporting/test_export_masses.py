@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from functools import cache
 from xml.etree import ElementTree as ET
 
 import mujoco
@@ -170,10 +171,15 @@ OF_THEIR_OWN = {"hand-eye", "lerobot", "lerobot-dynamixel", "pal"}
 """Formats of a session or of a file of their own."""
 
 
+@cache
+def arm_of(robot):
+    """An arm with random values of four effects."""
+    return fake(session_of(robot), ("geometry", "compliance", "encoder-scale", "payload"), scale=0.4)
+
+
 @pytest.mark.parametrize("name", sorted(set(FORMATS) - OF_THEIR_OWN))
 def test_values_of_a_sidecar_are_in_their_units(name):
-    session = session_of("universal-robots-ur5e") if name == "ur-yaml" else session_of()
-    arm = fake(session, ("geometry", "compliance", "encoder-scale", "payload"), scale=0.4)
+    arm = arm_of("universal-robots-ur5e" if name == "ur-yaml" else "fanuc-lrmate200ic")
     record = json.loads(json.dumps(export(arm, name, force=True).record("arm")))
     known, units = written_values(arm), {}
     lost = [n for m in record["not_expressed"] for n in m["parameters"]]

@@ -125,20 +125,20 @@ def test_reserved_causes_are_drawn_on_request_alone():
 
 @pytest.fixture(scope="module")
 def bench():
-    """A true arm in a session with an added load, and readings without noise."""
+    """A true arm in a session with an added load, readings without noise, and what is missing there."""
     rng = np.random.default_rng(3)
     body, stage = arm.Arm(arm.draw(rng)), scene.draw(rng)
     plan = session.plan(rng, stage, {"payload": "half", "speeds": 2.5})
     made = World(body, stage, plan, body.shape.give)
-    return made, made.touch((), np.zeros(len(plan.time)), straight=True)[0]
+    readings, _ = made.touch((), np.zeros(len(plan.time)), straight=True)
+    return made, readings, made.gap(readings)
 
 
 @pytest.mark.parametrize("maker", [*chain.from_iterable(FORMS.values()), *MORE, *RESERVED])
 def test_a_form_moves_something_in_proportion_to_its_size(maker, bench):
-    made, readings = bench
+    made, readings, still = bench
     act = maker(np.random.default_rng(1), made)
     assert json.dumps(plain(act.detail))
-    still = made.gap(readings)
     one, less = (made.gap(readings, [(act, act.size * part)]) - still for part in (1.0, 0.5))
     assert np.all(np.isfinite(one))
     assert 1e-6 < np.std(one) < 1e-3
@@ -149,7 +149,7 @@ def test_a_form_moves_something_in_proportion_to_its_size(maker, bench):
 
 def test_a_mass_hung_elsewhere_is_a_mass_there(bench):
     """The first moment about the stated centre gives the torque of a mass at the other centre."""
-    made, readings = bench
+    made, readings, _ = bench
     off, kilos = (0.03, -0.05, 0.08), 1.7
     coordinates = np.zeros((len(readings), arm.SIZE))
     coordinates[:, arm.JOINT] = readings @ arm.LINK_FROM_READING.T
