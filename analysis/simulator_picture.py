@@ -10,7 +10,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayescal.reporting.style import ACCENT, FAINT, INK, figure, png, tidy
+from analysis.charts import figure, tidy
+from bayescal.reporting.style import ACCENT, FAINT, INK, png
 
 WORDS = {"planes": "contacts", "points": "points", "distances": "sphere distances"}
 

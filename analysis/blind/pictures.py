@@ -12,7 +12,8 @@ from analysis.blind.assessed import Record, false_names
 from analysis.blind.rates import value
 from analysis.blind.rows import bands
 from analysis.blind.shrunk import FAR, MEASURES, factors
-from bayescal.reporting.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, TINTS, figure, tidy
+from analysis.charts import TINTS, figure, tidy
+from bayescal.reporting.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,9 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import bayescal as bc
+from analysis.charts import tidy
 from bayescal.effects import EFFECTS, Circumstances, Driver, Effect, Parameter, Setting, Site
 from bayescal.model import Scene, with_parameters
-from bayescal.reporting.style import ACCENT, FAINT, INK, tidy
+from bayescal.reporting.style import ACCENT, FAINT, INK
 
 MICRO = 1e6
 MOST_BARS = 12

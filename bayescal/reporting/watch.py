@@ -9,9 +9,12 @@ from rich.text import Text
 
 from bayescal.dataset.table import csv_text
 from bayescal.gap.result import BlindSpot
+from bayescal.reporting.figures import scales
+from bayescal.reporting.figures.figures import Content, picture
+from bayescal.reporting.figures.sheet import Entry, Panel
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.origin import entry, origin, sized
-from bayescal.reporting.style import ACCENT, GREY, MARKED, drawing, figure, png, tidy
+from bayescal.reporting.style import ACCENT, GREY, MARKED
 from bayescal.reporting.text import UM, size, um, um2
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json
@@ -22,6 +25,12 @@ SCHEMA = "bayescal-watch/1"
 RECORD, TABLE, FIGURE = "watch.json", "watch.csv", "watch.png"
 FIRST = 3
 """Effects that the contacts would not show yet, named in a line."""
+HIGH, LOW = 50.0, 26.0
+"""Of the axes of U and of residuals, mm."""
+EACH: dict[str, Any] = {"color": GREY, "lw": 1.0}
+COMPLETE: dict[str, Any] = {"color": ACCENT, "marker": "o", "ls": "", "ms": 4}
+USUAL: dict[str, Any] = {"color": GREY, "marker": "o", "ls": "", "ms": 2, "mew": 0}
+APART: dict[str, Any] = {"color": MARKED, "marker": "X", "ls": "", "ms": 5}
 KEYS = ("id", "target", "role", "residual_um", "u_um", "p_value", "U_um", "odd")
 """Of a contact, in watch.json and as columns of watch.csv."""
 
@@ -96,35 +105,38 @@ def write_watch(
         TABLE: csv_text(KEYS, ([c[key] for key in KEYS] for c in record["contacts"])).encode(),
     }
     if pictures:
-        with drawing():
-            more[FIGURE] = png(draw(events, contacts))
+        more[FIGURE] = picture(watch_content(events, contacts))
     return write_fit(last_fit, folder, fit_record(last_fit), pictures, more=more)
 
 
-def draw(events: Sequence[Event], contacts: Sequence[Contact]) -> Any:
+def watch_content(events: Sequence[Event], contacts: Sequence[Contact]) -> Content:
     """Above, U over the contacts; below, each residual in its standard uncertainties, odd ones marked."""
     fits = [e for e in events if isinstance(e, Complete)]
-    last = fits[-1]
-    out = figure(9, 6, [f"{last.fit.dataset.name}: U of a distance {um2(last.U)} µm after {last.rows} rows"])
-    top, low = out.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     judged = [c for c in contacts if np.isfinite(c.p_value)]
     row = np.array([c.row + 1 for c in judged], float)
-    top.plot(row, [UM * c.U for c in judged], color=GREY, lw=1.2, label="after each contact")
-    top.plot([e.rows for e in fits], [UM * e.U for e in fits], "o", color=ACCENT, ms=5, label="complete fit")
-    top.set_yscale("log")
-    top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    top.set_ylabel("U of a distance (µm)")
-    top.legend(frameon=False)
     ratio, odd = np.array([c.residual / c.u for c in judged]), np.array([c.odd for c in judged], bool)
-    low.plot(row[~odd], ratio[~odd], ".", color=GREY, ms=4)
-    low.plot(row[odd], ratio[odd], "X", color=MARKED, ms=7, label="odd")
-    low.set_ylabel("residual / u")
-    low.set_xlabel("contacts")
-    if odd.any():
-        low.legend(frameon=False)
-    for axes in (top, low):
-        tidy(axes)
-    return out
+
+    ends = fits[0].rows - 1, len(contacts) + 1
+
+    def above(axes: Any) -> None:
+        u, u_fits = [UM * c.U for c in judged], [UM * e.U for e in fits]
+        axes.plot(row, u, **EACH)
+        axes.plot([e.rows for e in fits], u_fits, **COMPLETE)
+        scales.linear_x(axes, *ends)
+        scales.log_y(axes, [*u, *u_fits], HIGH)
+
+    def below(axes: Any) -> None:
+        axes.plot(row[~odd], ratio[~odd], **USUAL)
+        axes.plot(row[odd], ratio[odd], **APART)
+        axes.set_xlim(*ends)
+        scales.linear_both(axes, LOW)
+
+    key = Entry("after each contact", EACH), Entry("complete fit", COMPLETE)
+    last = fits[-1]
+    title = f"{last.fit.dataset.name}: U of a distance {um2(last.U)} µm after {last.rows} rows"
+    top = Panel(above, HIGH, y="U of a distance (µm)", key=key)
+    low = Panel(below, LOW, x="contacts", y="residual / u", key=[Entry("odd", APART)] if odd.any() else ())
+    return [title], [[top], [low]]
 
 
 def outcome(record: Json) -> str:

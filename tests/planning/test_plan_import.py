@@ -21,10 +21,10 @@ from bayescal.dataset.write import table_text, write_setup
 from bayescal.importing import Request, convert, write
 from bayescal.planning.result import VALIDATE
 from bayescal.reporting import plan_sheets
-from bayescal.reporting.figures.plan import draw_plan
+from bayescal.reporting.figures.figures import drawn
+from bayescal.reporting.figures.plan import plan_content, plan_picture
 from bayescal.reporting.page.plan import plan_page, plan_record, table_of_plan, write_plan
 from bayescal.reporting.plan_sheets import plan_summary
-from bayescal.reporting.style import figure
 from bayescal.simulation import touch
 
 
@@ -279,19 +279,10 @@ def test_the_summary_states_cost_and_gain(reported_plan):
     assert "fewer contacts than unknowns + 40" in text
 
 
-def test_settings_of_the_user_do_not_matter_for_the_picture(reported_plan, tmp_path, monkeypatch):
-    sizes = []
-
-    def drawn(plan):
-        sizes.append(mpl.rcParams["font.size"])
-        out = figure(1, 1, [plan.session.name])
-        out.subplots()
-        return out
-
-    monkeypatch.setattr("bayescal.reporting.figures.plan.draw_plan", drawn)
-    with mpl.rc_context({"font.size": 30}):
-        write_plan(reported_plan, tmp_path / "run")
-    assert sizes == [mpl.rcParamsDefault["font.size"]]
+def test_settings_of_the_user_do_not_matter_for_the_picture(reported_plan):
+    with mpl.rc_context({"font.size": 30, "axes.linewidth": 5.0}):
+        other = plan_picture(reported_plan)
+    assert other == plan_picture(reported_plan)
 
 
 def test_a_plan_without_some_figures_prints(reported_plan):
@@ -306,7 +297,7 @@ def test_a_plan_without_some_figures_prints(reported_plan):
     assert record["expected"]["equals_random_contacts"] is None
     assert "nan" not in plan_page(bare, b"")
     assert "few contacts on cube.+z" in plan_page(replace(bare, warnings=("few contacts on cube.+z",)), b"")
-    draw_plan(bare)
+    plan_picture(bare)
     never = replace(reported_plan, equals_random=np.inf)
     assert "No number of the candidates" in shown(never)
 
@@ -426,7 +417,7 @@ def test_the_figure_is_readable_without_colours(reported_plan):
     assert len(set(FILLS.values())) == len(FILLS)
     r, g, b, _ = colormaps[ORDER](np.linspace(0, 1, 30)).T
     assert np.all(np.diff(0.299 * r + 0.587 * g + 0.114 * b) > 0)
-    labels = [axes.get_xlabel() for axes in draw_plan(reported_plan).axes]
+    labels = [axes.get_xlabel() for axes in drawn(plan_content(reported_plan)).axes]
     assert labels[:3] == ["x (mm)", "y (mm)", "x (mm)"]
 
 

@@ -316,8 +316,7 @@ def pair_panel(a: Json, b: Json, r: float, draws: Draws) -> Panel:
         axes.plot(x[some], y[some], ls="", marker="o", ms=1.4, mew=0, color=ACCENT, alpha=0.5)
         axes.axvline(float(np.mean(x)), color=GREY, lw=0.5, zorder=0)
         axes.axhline(float(np.mean(y)), color=GREY, lw=0.5, zorder=0)
-        scales.linear(axes.xaxis, scales.width_of(axes), EACH)
-        scales.linear(axes.yaxis, SQUARE, scales.UP)
+        scales.linear_both(axes, SQUARE, EACH)
 
     return Panel(draw, SQUARE, f"correlation {r:+.2f}".replace("-", "−"), label(a), label(b), inset=INSET)
 

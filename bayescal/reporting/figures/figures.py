@@ -170,5 +170,10 @@ def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
     for file, content_of in every.items():
         with suppress(BayescalError):
             drawable[file] = content_of(record)
+    return {file: picture(of) for file, of in drawable.items()}
+
+
+def picture(of: Content, wide: float = WIDTH) -> bytes:
+    """A figure of a title and panels as PNG, `wide` mm wide."""
     with drawing():
-        return {file: png(sheet(title, rows)) for file, (title, rows) in drawable.items()}
+        return png(sheet(*of, wide))

@@ -132,8 +132,7 @@ def time_panel(e: Errors, edge: float, title: str, share: float) -> Panel:
             x = e.x[(np.abs(e.value) > edge) & (np.sign(e.value) == side)]
             axes.plot(x, np.full(len(x), side * 0.97 * edge), ls="", marker=marker, ms=4, color=MARKED)
         axes.set_ylim(-edge if e.signed else 0.0, edge)
-        scales.linear(axes.xaxis, scales.width_of(axes))
-        scales.linear(axes.yaxis, HEIGHT, scales.UP)
+        scales.linear_both(axes, HEIGHT)
 
     x = "time (min)" if e.timed else "row"
     return Panel(draw, HEIGHT, title, x, _label(e), note, key, share)

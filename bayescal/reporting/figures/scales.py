@@ -29,6 +29,12 @@ def linear(axis: Any, room: float, each: float = EACH) -> None:
     axis.set_major_locator(MaxNLocator(max(int(room / each), 2), steps=[1, 2, 2.5, 5, 10]))
 
 
+def linear_both(axes: Any, tall: float, each: float = EACH) -> None:
+    """Ticks of linear axes that are `tall` mm high, `each` mm for a label of x."""
+    linear(axes.xaxis, width_of(axes), each)
+    linear(axes.yaxis, tall, UP)
+
+
 def linear_x(axes: Any, low: float, high: float, each: float = EACH) -> None:
     """A linear x axis between limits, `each` mm for a label."""
     axes.set_xlim(low, high)
@@ -43,19 +49,29 @@ def without_y(axes: Any) -> None:
 
 def log_x(axes: Any, values: Sequence[float]) -> None:
     """A logarithmic x axis about values."""
+    axes.set_xscale("log")
+    axes.set_xlim(*_log_ticks(axes.xaxis, values, width_of(axes)))
+
+
+def log_y(axes: Any, values: Sequence[float], tall: float) -> None:
+    """A logarithmic y axis, `tall` mm high, about values."""
+    axes.set_yscale("log")
+    axes.set_ylim(*_log_ticks(axes.yaxis, values, tall))
+
+
+def _log_ticks(axis: Any, values: Sequence[float], room: float) -> tuple[float, float]:
+    """Set the ticks of a logarithmic axis that is `room` mm long; its limits are returned."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
     low, high = around(values)
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
-    axis, room, length = axes.xaxis, width_of(axes), np.log(high / low)
     for steps, every in (*((ticks, 1) for ticks in STEPS), ((1.0,), 2), ((1.0,), 3)):
         chosen = ticks_of(low, high, steps)[::every]
-        if np.all(np.diff(np.log(chosen)) * room / length >= APART):
+        if np.all(np.diff(np.log(chosen)) * room / np.log(high / low) >= APART):
             break
     axis.set_major_locator(FixedLocator(chosen))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(lambda value, _: f"{value:.10g}")
+    return low, high
 
 
 def ticks_of(low: float, high: float, steps: Sequence[float]) -> list[float]:

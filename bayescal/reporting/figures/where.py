@@ -162,8 +162,7 @@ def binned(curve: Json) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 def _finish(axes: Any) -> None:
     axes.axhline(0, color=GREY, lw=0.5, zorder=0)
-    scales.linear(axes.xaxis, scales.width_of(axes))
-    scales.linear(axes.yaxis, HEIGHT, scales.UP)
+    scales.linear_both(axes, HEIGHT)
 
 
 def is_line(curve: Json) -> bool:

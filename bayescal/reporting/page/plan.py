@@ -225,8 +225,7 @@ def write_plan(
     tuple of str
         File names.
     """
-    from bayescal.reporting.figures.plan import draw_plan
-    from bayescal.reporting.style import PLAIN_TEXT, drawing, png
+    from bayescal.reporting.figures.plan import plan_picture
 
     later = commands(folder, plan.session.targets)
     texts = {PLAN: table_of_plan(plan), RECORD: json_text(plan_record(plan, later), rows=False)}
@@ -234,8 +233,7 @@ def write_plan(
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
     for form in formats_of(formats, probe):
         texts |= form.files(plan, probe or Probe())
-    with drawing(PLAIN_TEXT):
-        drawn = png(draw_plan(plan))
+    drawn = plan_picture(plan)
     with whole(folder, RECORD) as stage:
         texts[PAGE] = plan_page(plan, drawn, tuple(later.items()))
         return *put(stage, {**texts, PICTURE: drawn}), *write_setup(plan.pool.setup.dataset, stage)
