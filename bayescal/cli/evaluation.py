@@ -192,18 +192,13 @@ def plan(
     """
     from bayescal.programs.probing import Probe, formats_of
 
+    probe = {"probe_input": probe_input, "probe_force_n": probe_force_n, "probe_beyond_mm": probe_beyond_mm}
     formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
+    names = [form.name for form in formats]
     with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
-        names = [form.name for form in formats]
         result = planning.plan(setup, purpose=for_, after=after, to=names, progress=notify, **options)
         notify("write", 0.0)
-        written = result.save(
-            folder,
-            names,
-            probe_input=probe_input,
-            probe_force_n=probe_force_n,
-            probe_beyond_mm=probe_beyond_mm,
-        )
+        written = result.save(folder, names, **probe)
     show(result.report(), folder, written)
 
 

@@ -124,15 +124,14 @@ class Table:
         return np.array(self.cells[column]) if column in self.cells else None
 
 
-def table_of(content: bytes, name: str, units: Sequence[str], left_out: int = 0) -> Table:
+def table_of(content: bytes, name: str, units: Sequence[str]) -> Table:
     """The table of the bytes of a measurements.csv, joints in `units`: header and shape checked.
 
-    The cells still are text. The clearance of a plan, which may be there, is not read. `left_out` as of
-    `cells_of`.
+    The cells still are text. The clearance of a plan, which may be there, is not read.
     """
     text = text_of(content, name)
     check = partial(check_columns, units=units)
-    return _with_angles(cells_of(text, name, content, check, left_out))
+    return _with_angles(cells_of(text, name, content, check))
 
 
 def _with_angles(table: Table) -> Table:
@@ -165,10 +164,8 @@ def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Ta
     return cells_of(text, path.name, content, check_header)
 
 
-def cells_of(
-    text: str, name: str, content: bytes, check_header: Callable[[list[str], str], None], left_out: int = 0
-) -> Table:
-    """The table of a file's text, without `left_out` lines below the header; raises as `read_cells`."""
+def cells_of(text: str, name: str, content: bytes, check_header: Callable[[list[str], str], None]) -> Table:
+    """The table of a file's text; raises as `read_cells`."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -177,10 +174,10 @@ def cells_of(
         for row in reader:
             if row:
                 rows.append(row)
-                lines.append(before + 1 + (left_out if before else 0))
+                lines.append(before + 1)
             before = reader.line_num
     except csv.Error as error:
-        where = f"{name}:{reader.line_num + left_out}"
+        where = f"{name}:{reader.line_num}"
         raise BayescalError(f"not CSV: {error}", where, "check the quotes") from None
     for cells, line in zip(rows, lines, strict=True):
         if max(map(len, cells)) > LONGEST_CELL:

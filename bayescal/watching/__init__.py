@@ -1,7 +1,7 @@
 """A session is watched: what every contact tells, a complete fit in the pauses, and the moment to stop.
 
-Rows are read as they are written: a line counts when it ends. Lines that were read are not parsed again,
-unless they were changed. A line that breaks the format is stated once, and read again when the file changes.
+Rows are read as they are written: a line counts when it ends. A line that breaks the format is stated once,
+and read again when the file changes.
 """
 
 import time
@@ -12,10 +12,7 @@ from pathlib import Path
 
 from bayescal.calibration import Fit, fit, usual_model
 from bayescal.dataset import Dataset, read
-from bayescal.dataset.join import stacked
-from bayescal.dataset.table import table_of
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Measurements
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError, attempted
 from bayescal.estimate import Estimate
@@ -80,7 +77,11 @@ def followed(written: Written, folder: Path, ended: bool = False) -> Written:
     before = written
     try:
         before = begun(folder) if again else written
-        dataset = _with_lines(before, content, folder)
+        if content.partition(END)[2].strip():  # more than a header
+            judge = placed_by_rows(before.dataset)
+            dataset = read.read_dataset(folder, judge, rows=content)
+        else:
+            dataset = before.dataset
     except BayescalError as error:
         return replace(before, fault=str(error), again=again)
     return replace(before, dataset=dataset, content=content, fault="", again=again)
@@ -89,26 +90,6 @@ def followed(written: Written, folder: Path, ended: bool = False) -> Written:
 def placed_by_rows(dataset: Dataset) -> bool:
     """Whether all rows together say where targets are, as those of cameras: every row changes the model."""
     return any(KINDS[t.kind].prepared is not None for t in dataset.targets)
-
-
-def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset:
-    """The session with the rows of further lines of measurements.csv."""
-    d, lines = before.dataset, content.splitlines(keepends=True)
-    done = before.content.count(END)
-    new = content[len(before.content) :] if done else b"".join(lines[1:])
-    if not new.strip():
-        return d
-    if placed_by_rows(d):
-        return read.read_dataset(folder, rows=content)
-    table = table_of(lines[0] + new, read.TABLE, d.robot.units, max(done - 1, 0))
-    rows = read.measurements_of(table, d.robot.units, d.tools, d.targets, d.noise)
-    if not len(d.measurements.ids):
-        return replace(d, measurements=rows)
-    if twice := sorted({*rows.ids} & {*d.measurements.ids}):
-        line = table.line[rows.ids.index(twice[0])]
-        raise BayescalError(f"id `{twice[0]}` is given twice", f"{read.TABLE}:{line}", "rename one")
-    columns, _ = stacked([d.measurements, rows])
-    return replace(d, measurements=Measurements(**columns))
 
 
 POLL, PAUSE = 0.1, 1.0
