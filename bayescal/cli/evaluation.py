@@ -192,7 +192,8 @@ def plan(
     """
     from bayescal.programs.probing import Probe, formats_of
 
-    probe = {"probe_input": probe_input, "probe_force_n": probe_force_n, "probe_beyond_mm": probe_beyond_mm}
+    probe: dict[str, Any] = {"probe_input": probe_input, "probe_force_n": probe_force_n}
+    probe["probe_beyond_mm"] = probe_beyond_mm
     formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
     names = [form.name for form in formats]
     with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:

@@ -4,7 +4,7 @@ An outline is a polygon; drawn from far to near, outlines look like the bodies. 
 capsules (`probing.scene`), artefacts are the boxes and spheres that the targets of a session state.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,10 +12,12 @@ import numpy as np
 
 from bayescal.arm import chain as reference
 from bayescal.arm.shapes import Box, Capsule
+from bayescal.effects.location import Site
 from bayescal.model.scene import Scene
 from bayescal.probing.bodies import arm_capsules
 from bayescal.probing.scene import scene_of
 from bayescal.reporting.origin import plain
+from bayescal.reporting.style import MARKED
 from bayescal.reporting.text import MM
 from bayescal.storage.reading import Json
 
@@ -25,6 +27,10 @@ COLOURS = {"arm": "#e6ebf0", "tool": "#ccd5dd", "edge": "#8f9ba7"}
 """Of figures; artefacts are grey."""
 FACES = np.array([[s if k == axis else 0.0 for k in range(3)] for axis in range(3) for s in (-1.0, 1.0)])
 """Outward normals of a box."""
+
+
+DRAWN = ("joint", "link", "base", "tool", "probe")
+"""Kinds of sites that a drawing without contacts can mark."""
 
 
 @dataclass(frozen=True)
@@ -192,8 +198,24 @@ def stadium(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
     return np.vstack([b + circle, a - circle])
 
 
-def fill(axes: Any, some: Iterable[Outline]) -> None:
+def marks_of(sites: Sequence[Site]) -> dict[str, Any]:
+    """What sites mark on the arm: numbers, from 1, of joints and links, and whether the base and the tip."""
+    numbers = {f"{kind}s": [s.number for s in sites if s.kind == kind] for kind in ("joint", "link")}
+    kinds = {s.kind for s in sites}
+    return {**numbers, "base": "base" in kinds, "tip": bool(kinds & {"tool", "probe"})}
+
+
+def is_marked(o: Outline, marks: Json) -> bool:
+    """Whether marks are on the body of an outline."""
+    if o.kind == "tool":
+        return bool(marks["tip"])
+    return o.kind == "arm" and (o.joint in marks["links"] or (o.joint == 0 and marks["base"]))
+
+
+def fill(axes: Any, some: Iterable[Outline], marks: Json | None = None) -> None:
     """Draw outlines, from far to near, into axes of matplotlib."""
     for o in some:
-        colour = COLOURS.get(o.kind, str(round(0.72 + 0.22 * o.shade, 3)))
+        colour: Any = COLOURS.get(o.kind, str(round(0.72 + 0.22 * o.shade, 3)))
+        if marks and is_marked(o, marks):
+            colour = MARKED, 0.55
         axes.fill(*o.polygon.T, facecolor=colour, edgecolor=COLOURS["edge"], lw=0.5, zorder=0.5)

@@ -263,8 +263,9 @@ def test_nothing_is_red_where_nothing_is_significant(sessions):
     unknown = sessions["unknown"]
     unclear = [w | {"family_p_value": 0.3, "p_value": 0.1} for w in unknown["where"]]
     for record in (sessions["null"], unknown | {"where": unclear, "marked": None}):
-        lines = [line for axes in draw("where", record).axes for line in axes.lines]
-        assert to_hex(MARKED) not in {to_hex(line.get_color()) for line in lines}
+        every = draw("where", record).axes
+        assert to_hex(MARKED) not in {to_hex(line.get_color()) for axes in every for line in axes.lines}
+        assert to_hex(MARKED) not in {to_hex(p.get_facecolor()) for axes in every for p in axes.patches}
 
 
 @pytest.mark.parametrize(
@@ -275,7 +276,8 @@ def test_a_significant_site_is_marked_and_named(sessions, site):
     axes = figure.axes[0]
     lines = {to_hex(c) for line in axes.lines for c in (line.get_color(), line.get_markerfacecolor())}
     rings = {to_hex(c) for own in axes.collections for c in own.get_edgecolors()}
-    assert to_hex(MARKED) in lines | rings
+    bodies = {to_hex(patch.get_facecolor()) for patch in axes.patches}
+    assert to_hex(MARKED) in lines | rings | bodies
     assert site in [t.get_text() for t in texts(figure)]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.effects.location import Site
-from bayescal.reporting.body import View, fill, joints_of, of_units, outlines, posed, typical
+from bayescal.reporting.body import DRAWN, View, fill, joints_of, marks_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, rows_panel
 from bayescal.reporting.style import ACCENT, GREY, HOLLOW, INK, MARKED, NOISE, SERIES
@@ -271,73 +271,60 @@ def marked_sites(record: Json) -> list[str]:
 
 
 def _draw(axes: Any, record: Json, e: Errors, edge: float, sites: Sequence[Site]) -> None:
-    points, readings = np.array(record["rows"]["point_mm"], float), joints_of(record)
+    arm, points, readings = record["arm"], np.array(record["rows"]["point_mm"], float), joints_of(record)
     row = e.row[typical(readings[e.row])] if len(e.row) else 0
-    angles = of_units(record["arm"], readings[row])
-    line_of, turned = posed(record["arm"], angles)
-    strokes = np.stack([line_of[1:-1] - AXIS * turned, line_of[1:-1] + AXIS * turned], axis=1)
-    drawn, flat = VIEW.seen(np.vstack([line_of, points[row]])), VIEW.seen(points[e.row])
-    bodies = outlines(record["arm"], angles, VIEW)
-    fill(axes, bodies)
+    angles, marks = of_units(arm, readings[row]), marks_of(sites)
+    origins, turned = posed(arm, angles)
+    strokes = VIEW.seen(np.stack([origins[1:-1] - AXIS * turned, origins[1:-1] + AXIS * turned], axis=1))
+    drawn, flat = VIEW.seen(np.vstack([origins, points[row]])), VIEW.seen(points[e.row])
+    bodies = outlines(arm, angles, VIEW)
+    fill(axes, bodies, marks)
     axes.plot(*drawn.T, zorder=2, **(WIDE | ({"lw": 0.8} if bodies else {})))
-    axes.plot(*drawn[0], marker="s", ms=7, color=GREY, zorder=2)
-    for k, stroke in enumerate(VIEW.seen(strokes), start=1):
-        mine = any(site.kind == "joint" and site.number == k for site in sites)
-        colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
-        axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
+    axes.plot(*drawn[0], marker="s", ms=7, color=MARKED if marks["base"] else GREY, zorder=2)
+    for k, stroke in enumerate(strokes, start=1):
+        colour, thick = (MARKED, 4.5) if k in marks["joints"] else (ACCENT, 2.2)
+        axes.plot(*stroke.T, color=colour, lw=thick, zorder=3)
     for site in sites:
-        _mark(axes, site, drawn, flat, e.target, alone=len(sites) == 1)
+        mine = e.target == str(site)  # or of all contacts, where nothing else is marked
+        if site.kind not in DRAWN and (np.any(mine) or len(sites) == 1):
+            rings = flat[mine] if np.any(mine) else flat
+            axes.scatter(*rings.T, s=30, facecolors="none", edgecolors=MARKED, lw=0.6, zorder=6)
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(e.value) / edge, 1.0)
+    image = len(flat) > MANY_POSES
     for _, marker, colour, chosen in SIGNS if e.signed else LENGTHS:
-        which = chosen(e.value)
-        image = len(flat) > MANY_POSES
-        size = area[which]
-        axes.scatter(*flat[which].T, s=size, marker=marker, color=colour, lw=0, zorder=5, rasterized=image)
-    _frame(axes, np.vstack([drawn, flat, VIEW.seen(strokes).reshape(-1, 2), *(o.polygon for o in bodies)]))
+        mine = chosen(e.value)
+        style = {"marker": marker, "color": colour, "lw": 0, "zorder": 5, "rasterized": image}
+        axes.scatter(*flat[mine].T, s=area[mine], **style)
+    _frame(axes, np.vstack([drawn, flat, strokes.reshape(-1, 2), *(o.polygon for o in bodies)]))
 
 
 MANY_POSES = 1500
 """Contacts from which on their signs are an image in an SVG."""
 
 
-def _mark(
-    axes: Any, site: Site, drawn: np.ndarray, flat: np.ndarray, targets: np.ndarray, alone: bool
-) -> None:
-    """Mark a site: a link, the base, the stylus, contacts of a target; all contacts for others `alone`."""
-    if site.kind == "link":
-        axes.plot(*drawn[site.number : site.number + 2].T, color=MARKED, lw=4.5, zorder=3)
-    elif site.kind == "base":
-        axes.plot(*drawn[0], marker="s", ms=10, color=MARKED, zorder=3)
-    elif site.kind in ("tool", "probe"):
-        axes.plot(*drawn[-2:].T, color=MARKED, lw=4.5, zorder=3)
-    elif site.kind != "joint" and (alone or np.any(targets == str(site))):
-        mine = flat[targets == str(site)] if np.any(targets == str(site)) else flat
-        axes.scatter(*mine.T, s=30, facecolors="none", edgecolors=MARKED, lw=0.6, zorder=6)
-
-
 def _frame(axes: Any, content: np.ndarray) -> None:
     """Limits with equal scales, and below the content a scale in mm and the directions of F0."""
-    figure: Any = axes.figure
-    box = axes.get_window_extent()
-    wide, tall = box.width / figure.dpi * 25.4, box.height / figure.dpi * 25.4
+    wide, tall = scales.size_of(axes)
     low, high = content.min(axis=0), content.max(axis=0)
     size = np.maximum(high - low, 1e-6)
     per_mm = 1.06 * max(size[0] / wide, size[1] / (tall - FLOOR))  # of the scene, per mm of the figure
-    middle = 0.5 * (low + high)
-    axes.set_xlim(middle[0] - 0.5 * per_mm * wide, middle[0] + 0.5 * per_mm * wide)
-    bottom = middle[1] - 0.5 * per_mm * (tall - FLOOR) - per_mm * FLOOR
-    axes.set_ylim(bottom, bottom + per_mm * tall)
+    corner = 0.5 * (low + high) - 0.5 * per_mm * np.array([wide, tall + FLOOR])
+    axes.set_xlim(corner[0], corner[0] + per_mm * wide)
+    axes.set_ylim(corner[1], corner[1] + per_mm * tall)
     axes.axis("off")
+
+    def placed(x: float, y: float) -> np.ndarray:
+        """A place of the figure, mm from its corner, in the scene."""
+        return corner + per_mm * np.array([x, y])
+
     length = _round(per_mm * 0.25 * wide)
-    start = middle[0] - 0.5 * per_mm * wide
-    axes.plot([start, start + length], [bottom + 1.0 * per_mm] * 2, color=INK, lw=1.2, solid_capstyle="butt")
-    axes.text(start, bottom + 1.8 * per_mm, f"{length:g} mm", color=INK, va="bottom", ha="left")
-    corner = np.array([middle[0] + 0.5 * per_mm * wide - 9.0 * per_mm, bottom + 1.5 * per_mm])
+    ends = np.array([placed(0.0, 1.0), placed(length / per_mm, 1.0)])
+    axes.plot(*ends.T, color=INK, lw=1.2, solid_capstyle="butt")
+    axes.text(*placed(0.0, 1.8), f"{length:g} mm", color=INK, va="bottom", ha="left")
     for name, way in zip("xyz", VIEW.seen(np.eye(3)), strict=True):
-        tip = corner + 4.5 * per_mm * way
-        axes.plot(*np.array([corner, tip]).T, color=GREY, lw=1.0)
-        to = corner + (4.5 * way + 1.6 * way / max(float(np.hypot(*way)), 0.2)) * per_mm
-        axes.text(*to, name, color=INK, ha="center", va="center")
+        middle, beyond = placed(wide - 9.0, 1.5), 4.5 * way + 1.6 * way / max(float(np.hypot(*way)), 0.2)
+        axes.plot(*np.array([middle, middle + 4.5 * per_mm * way]).T, color=GREY, lw=1.0)
+        axes.text(*(middle + per_mm * beyond), name, color=INK, ha="center", va="center")
 
 
 def _round(value: float) -> float:

@@ -16,10 +16,15 @@ STEPS = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 3.0, 5.0), (1.0, 2.0, 5
 """Ticks of a decade, from many to few."""
 
 
+def size_of(axes: Any) -> tuple[float, float]:
+    """Width and height of axes, mm."""
+    box, per_mm = axes.get_window_extent(), axes.figure.dpi / MM_PER_INCH
+    return float(box.width / per_mm), float(box.height / per_mm)
+
+
 def width_of(axes: Any) -> float:
     """The width of axes, mm."""
-    figure: Any = axes.figure
-    return float(axes.get_window_extent().width / figure.dpi * MM_PER_INCH)
+    return size_of(axes)[0]
 
 
 def linear(axis: Any, room: float, each: float = EACH) -> None:

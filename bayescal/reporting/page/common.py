@@ -7,9 +7,9 @@ from markupsafe import Markup
 
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting import page
-from bayescal.reporting.body import joints_of, typical
+from bayescal.reporting.body import joints_of, marks_of, typical
 from bayescal.reporting.page import svg
-from bayescal.reporting.page.svg import draw_arm, marked_sites, marks_of
+from bayescal.reporting.page.svg import draw_arm, marked_sites
 from bayescal.reporting.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.text import MISSING, length, share, two_digits
 from bayescal.storage.reading import Json

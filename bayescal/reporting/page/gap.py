@@ -8,11 +8,12 @@ from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, OTHER, VALIDATION_POINTS
 from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
+from bayescal.reporting.body import DRAWN
 from bayescal.reporting.gap.causes import ALIKE
 from bayescal.reporting.gap.phrases import LIKELY, NOWHERE
 from bayescal.reporting.origin import images_keys, images_sheet
 from bayescal.reporting.page import Fault, FirstScreen, Run, Section, blocks, common, texts
-from bayescal.reporting.page.svg import DRAWN, draw_arm, marked_sites
+from bayescal.reporting.page.svg import draw_arm, marked_sites
 from bayescal.reporting.sheet import Sheet
 from bayescal.storage.reading import Json
 

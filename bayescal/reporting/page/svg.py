@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
 
 from bayescal.effects.location import Site
-from bayescal.reporting.body import Outline, View, joints_of, of_units, outlines, posed, typical
+from bayescal.reporting.body import View, is_marked, joints_of, marks_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures.residuals import marked_sites as figure_sites
 from bayescal.reporting.page import Run
 
@@ -206,20 +205,11 @@ LABELS = 74.0
 """Width at the right that labels take."""
 APART, FIRST, LAST = 15.0, 12.0, 6.0
 """Least distance of two labels, and of the first and the last from the edges."""
-DRAWN = ("joint", "link", "base", "tool", "probe")
-"""Kinds of sites that a drawing without contacts can mark."""
 
 
 def marked_sites(run: Run) -> tuple[Site, ...]:
     """Sites of the errors that are significant; none where nothing is."""
     return tuple(map(Site.read, figure_sites(run.record))) if run.kind == "gap" else ()
-
-
-def marks_of(sites: Sequence[Site]) -> dict[str, Any]:
-    """What sites mark on the arm: numbers, from 1, of joints and links, and whether the base and the tip."""
-    numbers = {f"{kind}s": [s.number for s in sites if s.kind == kind] for kind in ("joint", "link")}
-    kinds = {s.kind for s in sites}
-    return {**numbers, "base": "base" in kinds, "tip": bool(kinds & {"tool", "probe"})}
 
 
 def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
@@ -245,19 +235,10 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     axis = sheet.to_svg(flat[: len(chain)])
     marks = marks_of(sites)
 
-    def marked(o: Outline) -> bool:
-        if o.kind == "tool":
-            return bool(marks["tip"])
-        return o.kind == "arm" and (o.joint in marks["links"] or (o.joint == 0 and marks["base"]))
-
-    parts = [
-        line(
-            sheet.to_svg(o.polygon),
-            f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o),
-            "polygon",
-        )
-        for o in shown
-    ]
+    parts = []
+    for o in shown:
+        style = f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * is_marked(o, marks)
+        parts.append(line(sheet.to_svg(o.polygon), style, "polygon"))
     parts.append(line(axis, "arm axis"))
     if contacts:
         residual = np.array(rows["residual_um"], float)
