@@ -274,32 +274,31 @@ def percent_of(ratio: float) -> str:
     return f"{100 * ratio:.0f} %" if ratio >= 0.01 else text.percent(ratio)
 
 
-def findings(record: Json) -> list[tuple[str, list[str]]]:
+def findings(record: Json) -> dict[str, list[str]]:
     """What was found, in sentences below headings."""
-    shared = [
-        f"{at_site(e)}: {len(e['arms'])} of {e['of']} arms ({', '.join(e['arms'])})"
-        + (f", {_range(e)}" if e["values"] else "")
-        for e in record["effects"]
-        if len(e["arms"]) > 1
-    ]
-    alone = [f"{e['arms'][0]}: {at_site(e)}" for e in record["effects"] if len(e["arms"]) == 1]
     of = {m["robot"]: m for m in record["models"]}
-    unlike = [
-        f"{a['arm']} differs from the others in {difference(d)} ({of[a['robot']]['comparisons']} comparisons)"
-        for a in record["arms"]
-        for d in stated(a, "differs")
-    ]
-    changed = [
-        f"{a['arm']} changed before session {d['since']} in {difference(d)} "
-        f"({of[a['robot']]['comparisons_between_sessions']} comparisons)"
-        for a in record["arms"]
-        for d in stated(a, "changed")
-    ]
-    failed = [f"{s['session']}: {s['error']}" for s in record["sessions"] if s["error"]]
-    return [
-        ("shared effects", shared), ("effects", alone), ("outliers", unlike), ("changed", changed),
-        ("failed", failed),
-    ]  # fmt: skip
+    return {
+        "shared effects": [
+            f"{at_site(e)}: {len(e['arms'])} of {e['of']} arms ({', '.join(e['arms'])})"
+            + (f", {_range(e)}" if e["values"] else "")
+            for e in record["effects"]
+            if len(e["arms"]) > 1
+        ],
+        "effects": [f"{e['arms'][0]}: {at_site(e)}" for e in record["effects"] if len(e["arms"]) == 1],
+        "outliers": [
+            f"{a['arm']} differs from the others in {difference(d)} "
+            f"({of[a['robot']]['comparisons']} comparisons)"
+            for a in record["arms"]
+            for d in stated(a, "differs")
+        ],
+        "changed": [
+            f"{a['arm']} changed before session {d['since']} in {difference(d)} "
+            f"({of[a['robot']]['comparisons_between_sessions']} comparisons)"
+            for a in record["arms"]
+            for d in stated(a, "changed")
+        ],
+        "failed": [f"{s['session']}: {s['error']}" for s in record["sessions"] if s["error"]],
+    }
 
 
 def learnt(model: Json) -> str:
@@ -331,7 +330,7 @@ def names(record: Json) -> str:
 
 def summary(record: Json) -> RenderableType:
     """What was found, the arms, those with findings first, and how many sessions were fitted."""
-    lines = [row for heading, sentences in findings(record) for row in text.under(heading, sentences)]
+    lines = [row for heading, sentences in findings(record).items() for row in text.under(heading, sentences)]
     lines += text.under("learnt prior", map(learnt, record["models"]))
     table = arms(record)
     some = Sheet(table.columns, table.items[:MOST_ROWS], table.caption)
@@ -371,7 +370,7 @@ def fleet_page(record: Json) -> str:
 
 
 def _first(record: Json) -> Section:
-    of = {heading: lines for heading, lines in findings(record) if lines}
+    of = findings(record)
     words = [line for heading, lines in of.items() for line in lines if heading != "failed"]
     clean = "No arm differs from the others, changed, or shares an effect with another"
     differ, change = ([a for a in record["arms"] if stated(a, key)] for key in ("differs", "changed"))
@@ -380,7 +379,7 @@ def _first(record: Json) -> Section:
     word = clean if not words else f"{unusual} of {len(record['arms'])} arms have findings"
     keys = [
         ("Sessions", str(record["count"]["sessions"]), counted(record).partition(": ")[2]),
-        ("Shared effects", str(len(of.get("shared effects", ()))), "named for two arms or more"),
+        ("Shared effects", str(len(of["shared effects"])), "named for two arms or more"),
         ("Outliers", str(len(differ)), "arms that differ"),
         ("Changed", str(len(change)), "between sessions"),
     ]
@@ -388,6 +387,7 @@ def _first(record: Json) -> Section:
     for file in (m["file"] for m in record["models"] if m["file"]):
         put = f"Use the learnt prior for the next arm: put {file} beside its dataset.yaml"
         steps.append((put, f"robot: {file}"))
-    steps, failed = steps or [("Fit further arms", "")], of.get("failed", ())
-    tone = "bad" if unusual else "good"
-    return FirstScreen(word, tone, lines=words, most=8, keys=keys, next=steps, warnings=failed).section()
+    steps, tone = steps or [("Fit further arms", "")], "bad" if unusual else "good"
+    return FirstScreen(
+        word, tone, lines=words, most=8, keys=keys, next=steps, warnings=of["failed"]
+    ).section()

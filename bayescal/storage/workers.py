@@ -52,25 +52,20 @@ class Queue:
         """The next, or None."""
         return self._back.popleft() if self._back else next(self._fresh, None)
 
-    def put_back(self, jobs: Iterable[Job]) -> None:
-        """Return jobs to the queue, in their order."""
-        self._back.extendleft(reversed(list(jobs)))
+    def put_back(self, job: Job) -> None:
+        """Return a job to the queue."""
+        self._back.append(job)
 
 
 KILLS = 3
 """Number of killed processes after which a task is abandoned."""
-DEPTH = 2
-"""Tasks of a process: one running, one queued."""
 GLANCE = 5.0
 """Seconds between checks of a crew: workers of a cluster may connect and disconnect."""
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 
 
 class Process:
-    """A local process. Jobs run in order, so the first unfinished job is the one that killed it.
-
-    `jobs` are under way, in the order in which they were handed over.
-    """
+    """A local process, and the job that it does; a job is there until its result is taken."""
 
     def __init__(self) -> None:
         self.jobs: dict[futures.Future[Any], Job] = {}
@@ -81,37 +76,28 @@ class Process:
         return futures.ProcessPoolExecutor(1, get_context("spawn"), initializer=_settle)
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """Submit jobs up to the capacity."""
-        while len(self.jobs) < DEPTH and (job := queue.take()):
+        """Submit a job, if none is under way."""
+        while not self.jobs and (job := queue.take()):
             try:
                 with _no_interrupts():  # the process is started here
                     self.jobs[self._pool.submit(work, job.task)] = job
-            except futures.BrokenExecutor:
-                queue.put_back([job])
-                if self.jobs:  # `done` handles them first
-                    return
+            except futures.BrokenExecutor:  # it was killed between two jobs
+                queue.put_back(job)
                 self._pool = self._start()
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """Return finished jobs; jobs that were lost with a worker are queued again."""
-        ended = [future for future in self.jobs if future.done()]
-        if any(_broken(future) for future in ended):
-            futures.wait(self.jobs)  # later jobs fail with it
-            yield from self._replaced(queue)
-            return
-        for future in ended:
-            yield self.jobs.pop(future).index, future.result()
-
-    def _replaced(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """What the jobs of a broken pool returned, with a new pool for the others."""
-        jobs, self.jobs, self._pool = self.jobs, {}, self._start()
-        first, *behind = (job for future, job in jobs.items() if _broken(future))
-        first.kills += 1
-        given_up = first.kills == KILLS
-        queue.put_back(behind if given_up else [first, *behind])
-        yield from ((job.index, future.result()) for future, job in jobs.items() if not _broken(future))
-        if given_up:
-            yield first.index, Lost(f"its process was killed {KILLS} times")
+        """The finished job; one that was lost with its process is queued again, some times."""
+        for future in [future for future in self.jobs if future.done()]:
+            job = self.jobs.pop(future)
+            if not isinstance(future.exception(), futures.BrokenExecutor):
+                yield job.index, future.result()
+                continue
+            self._pool = self._start()
+            job.kills += 1
+            if job.kills == KILLS:
+                yield job.index, Lost(f"its process was killed {KILLS} times")
+            else:
+                queue.put_back(job)
 
     def close(self) -> None:
         """Cancel jobs; the running one is awaited."""
@@ -173,10 +159,6 @@ def results(
                 raise
             for crew in crews:
                 yield from crew.done(queue)
-
-
-def _broken(future: futures.Future[Any]) -> bool:
-    return isinstance(future.exception(), futures.BrokenExecutor)
 
 
 @contextmanager

@@ -1,7 +1,5 @@
 """`plan.png`: the contacts in three views with the arm and its reach, by target, and U over their number."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
