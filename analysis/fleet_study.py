@@ -140,7 +140,7 @@ def checked(folder: Path, seed: int, noise: float, spread: float) -> None:
     print(f"seed {seed}: {counted(found.record)}; truth: backlash at joint {JOINT} of {len(SHARING)} arms, "
           f"theta{ZERO} of SN-{OUTLIER:02d} {np.degrees(FAR):.3f} deg, theta{MOVED} of SN-{DRIFTED:02d} "
           f"{np.degrees(BY):.4f} deg")  # fmt: skip
-    for heading, lines in findings(found.record):
+    for heading, lines in findings(found.record).items():
         for line in lines:
             print(f"  {heading}: {line}")
     print("  " + "; ".join(map(learnt, found.record["models"])))

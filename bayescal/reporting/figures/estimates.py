@@ -67,14 +67,14 @@ def distances_panel(record: Json) -> Panel | None:
 
 def reduction_panel(record: Json) -> Panel | None:
     """Errors of validation measurements before and after: by target of a fit, by kind of a diagnosis."""
-    items = _items(record)
+    fit = record["schema"] == "bayescal-fit/1"
+    items = list((_of_fit if fit else _of_gap)(record))
     if not items:
         return None
-    values = [v for _, _, before, after, expected in items for v in (before, after, expected) if v]
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
-        scales.log_x(axes, values)
-        before, after, expected = np.array([item[2:] for item in items], float).T
+        scales.log_x(axes, [v for _, *values in items for v in values if v])
+        before, after, expected = np.array([values for _, *values in items], float).T
         middle = np.array(middles)
         axes.hlines(middle, before, after, color=INK, lw=0.8, zorder=1.5)
         axes.vlines(expected, middle - 0.5 * LANE, middle + 0.5 * LANE, zorder=1, **EXPECTED)
@@ -83,18 +83,13 @@ def reduction_panel(record: Json) -> Panel | None:
 
     title, *texts = REDUCTION[record["schema"]]
     key = [Entry(text, style) for text, style in zip(texts, SIGNS, strict=True)]
-    rows = [Row(label, text) for label, text, *_ in items]
-    points = record["schema"] == "bayescal-fit/1" and record["validation"]["points"]["count"]
+    points = fit and record["validation"]["points"]["count"]
     x = "RMS error, of points the mean error length (µm)" if points else "RMS error (µm)"
-    return rows_panel(rows, lanes, title, x, "", key)
+    return rows_panel([row for row, *_ in items], lanes, title, x, "", key)
 
 
-Item = tuple[str, str, float, float, float | None]
-"""Label, numbers as text, error before, after, and expected, µm."""
-
-
-def _items(record: Json) -> list[Item]:
-    return list((_of_fit if record["schema"] == "bayescal-fit/1" else _of_gap)(record))
+Item = tuple[Row, float, float, float | None]
+"""A row, and its error before, after, and expected, µm."""
 
 
 def _of_fit(record: Json) -> Iterator[Item]:
@@ -116,7 +111,7 @@ def _of_gap(record: Json) -> Iterator[Item]:
 
 
 def _item(label: str, before: float, after: float, expected: float | None, claim: str = "") -> Item:
-    return label, f"{_um(before)} → {_um(after)} µm{claim}", before, after, expected
+    return Row(label, f"{_um(before)} → {_um(after)} µm{claim}"), before, after, expected
 
 
 def _um(value: float) -> str:
