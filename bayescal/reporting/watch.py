@@ -123,7 +123,8 @@ def watch_content(events: Sequence[Event], contacts: Sequence[Contact]) -> Conte
         axes.plot(row, u, **EACH)
         axes.plot([e.rows for e in fits], u_fits, **COMPLETE)
         scales.linear_x(axes, *ends)
-        scales.log_y(axes, [*u, *u_fits], HIGH)
+        if some := [value for value in (*u, *u_fits) if 0.0 < value < np.inf]:
+            scales.log_y(axes, some, HIGH)
 
     def below(axes: Any) -> None:
         axes.plot(row[~odd], ratio[~odd], **USUAL)

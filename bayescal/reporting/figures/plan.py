@@ -153,6 +153,7 @@ def _targets(plan: Plan) -> Panel:
             axes.barh(middles, width, left=start, height=0.8 * LANE, zorder=2, **styles[purpose])
             start += width
         scales.linear_x(axes, 0, 1.05 * max(start, default=1.0))
+        axes.xaxis.get_major_locator().set_params(integer=True)
 
     rows = [Row(row[0], row[1]) for row in shown]
     key = [Entry(PURPOSES[p], styles[p], patch=True) for p in used]

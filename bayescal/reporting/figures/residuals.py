@@ -282,8 +282,8 @@ def _draw(axes: Any, record: Json, e: Errors, edge: float, sites: Sequence[Site]
     axes.plot(*drawn.T, zorder=2, **(WIDE | ({"lw": 0.8} if bodies else {})))
     axes.plot(*drawn[0], marker="s", ms=7, color=MARKED if marks["base"] else GREY, zorder=2)
     for k, stroke in enumerate(strokes, start=1):
-        colour, thick = (MARKED, 4.5) if k in marks["joints"] else (ACCENT, 2.2)
-        axes.plot(*stroke.T, color=colour, lw=thick, zorder=3)
+        colour, thick, order = (MARKED, 4.5, 4) if k in marks["joints"] else (ACCENT, 2.2, 3)
+        axes.plot(*stroke.T, color=colour, lw=thick, zorder=order)
     for site in sites:
         mine = e.target == str(site)  # or of all contacts, where nothing else is marked
         if site.kind not in DRAWN and (np.any(mine) or len(sites) == 1):
