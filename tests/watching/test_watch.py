@@ -19,6 +19,8 @@ from bayescal.model import ARM
 from bayescal.model.model import with_parameters
 from bayescal.model.parts import continued
 from bayescal.model.scene import Scene
+from bayescal.reporting.figures.figures import drawn
+from bayescal.reporting.watch import watch_content
 from bayescal.watching import (
     ENOUGH,
     PLANNED,
@@ -373,3 +375,15 @@ def test_corners_of_images_are_fitted_in_the_pauses(tmp_path):
     assert [type(e) for e in watch.complete()] == [Complete]
     put(tmp_path / "cell", *lines[97:])
     assert not any(e.odd or np.isfinite(e.p_value) for e in watch.look())
+
+
+def test_the_picture_shows_what_is_finite():
+    widths = (np.inf, 2e-4, 1e-4)
+    contacts = [
+        Contact(k, f"c{k}", "cube.+x", "calibrate", 1e-6 * k, 5e-6, 0.5, U) for k, U in enumerate(widths)
+    ]
+    figure = drawn(watch_content([Complete(complete(), (), np.nan, 0.0)], contacts))
+    above, below = figure.axes
+    assert above.get_yscale() == "log"
+    assert np.all(np.isfinite(above.get_ylim()))
+    assert below.lines[0].get_ydata().tolist() == pytest.approx([0.0, 0.2, 0.4])
