@@ -152,7 +152,7 @@ UNSTATED, OR_LINK = "mass that no motion states", ", or error of the last link"
 ELSEWHERE, AS_LINK = "centre unknown", "as of the last link"
 """Settings of it: not where payloads are stated; errors of the last link, which may be of what it carries."""
 DENSE, BODY_ON_IT = "in proportion", "by a body on it"
-"""Settings of a link: its mass and inertia are off by one factor; a small body is on it."""
+"""Settings: masses are off by one factor, of a link its inertia too; a small body is on a link."""
 POINT = ("mass", "moment x", "moment y", "moment z")
 """Linear parameters of a small body: its mass and first moment."""
 
@@ -183,11 +183,12 @@ def _of_link(form: Form, k: int, s: Signals, model: Operating) -> Iterator[FormC
 @effect("payload")
 def _payload(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     by, m = s.rigid[:, :, -1], s.log.mechanism
-    column, loaded = by @ payload_of(m), [motion.loaded for motion in s.log.motions]
-    if any(loaded):
-        form = Form("payload", TOOL, "mass")
-        yield form, form.term("kg", FORMS.payload * scale.loaded), column * (s.payload > 0.0)[:, None]
-    if not all(loaded):
+    column, most = by @ payload_of(m), [float(np.max(motion.payload)) for motion in s.log.motions]
+    kinds = ("", "kg", scale.loaded, s.payload > 0.0), (DENSE, "1", 1.0, s.payload)  # alike if all are alike
+    for setting, unit, size, rows in kinds[: len({*most} - {0.0})]:
+        form = Form("payload", TOOL, "mass", setting)
+        yield form, form.term(unit, FORMS.payload * size), column * rows[:, None]
+    if not all(most):
         sd, form = FORMS.unstated * float(np.sum(m.mass)), Form("payload", TOOL, EVERY)
         yield form, form.term("kg", sd), column
         point = np.concatenate([column[:, :, None], by[:, :, 1 : len(POINT)]], axis=2)

@@ -198,16 +198,18 @@ def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts
 @pytest.mark.parametrize("name", ["payload", "payload-offset", "base-tilt", "armature"])
 def test_columns_of_effects_are_derivatives_of_the_torque(null_parts, name):
     s = null_parts[4]
+    heavier = replace(s.log.motions[4], payload=2.0 * s.log.motions[4].payload)
+    s = replace(s, log=replace(s.log, motions=(*s.log.motions, heavier)))
     at = nominal(s.log, np.array([5.0, 20.0, 5.0]))
     scale = Scale(np.ones(3), np.ones(3), 0.8)
-    columns = [c for c in EFFECTS[name].forms(s, at, scale) if not c[0].setting]
+    columns = [c for c in EFFECTS[name].forms(s, at, scale) if c[0].setting in ("", DENSE)]
     step = 1e-5
 
     def changed(k, size):
         m, log = s.log.mechanism, s.log
         if name == "payload":
-            everywhere = columns[k][0].driver == EVERY
-            moved = replace(s, payload=s.payload + size * (everywhere | (s.payload > 0.0)))
+            by = {EVERY: 1.0, "mass": s.payload > 0.0, DENSE: s.payload}
+            moved = replace(s, payload=s.payload + size * by[columns[k][0].setting or columns[k][0].driver])
         elif name == "payload-offset":
             centre = m.payload_centre + size * np.eye(3)[k]
             moved = replace(s, log=replace(log, mechanism=replace(m, payload_centre=centre)))
