@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -85,6 +85,20 @@ class posed_rowwise(rowwise[T]):
     """The same of a quantity that depends on the pose of the arm."""
 
     posed = True
+
+
+def once_for_rows(compute: Callable[[Any, np.ndarray], T]) -> Callable[..., T]:
+    """A method of a scene and rows, calibration ones by default, that is computed once for the same rows."""
+
+    @wraps(compute)
+    def method(scene: Any, rows: np.ndarray | None = None) -> T:
+        rows = scene.rows("calibrate") if rows is None else rows
+        values = vars(scene).setdefault(f"_{compute.__name__}", {})
+        if (key := rows.tobytes()) not in values:
+            values[key] = compute(scene, rows)
+        return values[key]
+
+    return method
 
 
 def stacked(parts: list[Any]) -> Any:

@@ -21,6 +21,7 @@ from bayescal.model.parts import (
     as_seen,
     blur_of,
     bodies_of,
+    once_for_rows,
     posed_rowwise,
     rowwise,
     sighted,
@@ -199,10 +200,10 @@ class Scene:
         """Those of `rows` that measure a target."""
         return rows[self.dataset.measurements.target[rows] == target]
 
-    def circumstances(self, fitted: np.ndarray | None = None) -> Circumstances:
-        """The circumstances of the effects, for a model fitted to the rows `fitted`; default: calibrate."""
+    @once_for_rows
+    def circumstances(self, fitted: np.ndarray) -> Circumstances:
+        """The circumstances of the effects, for a model fitted to some rows; default: calibrate."""
         d, m = self.dataset, self.dataset.measurements
-        fitted = self.rows("calibrate") if fitted is None else fitted
         used = tuple(int(k) for k in np.unique(m.tool[fitted]))
         targets = [d.targets[k] for k in np.unique(m.target[fitted])]
         turned = tuple(int(k) for k in np.unique(m.tool[fitted[self.turning[fitted]]]))
@@ -357,9 +358,8 @@ class Scene:
 
     def group(self, target: int) -> str:
         """Noise group of a target's residuals, with common noise and scale: contact, point, pixel."""
-        item = self.dataset.targets[target]
-        group = self.declared[target].noise
-        return f"{group} of {item.noise}" if item.noise else group
+        group, of = self.declared[target].noise, self.dataset.targets[target].noise
+        return f"{group} of {of}" if of else group
 
     def sigma(self, rows: np.ndarray) -> np.ndarray:
         """Stated standard uncertainty of one residual of each row, m, without that of the readings."""
