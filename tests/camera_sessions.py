@@ -9,16 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_of
-from bayescal.dataset import Noise, Target, Tool
-from bayescal.dataset.types import Dataset, Measurements
+from bayescal.dataset import Dataset, Measurements, Noise, Target, Tool
 from bayescal.robots import load_robot
 
 NAN = float("nan")
 BOARD = np.array([[30e-3 * (x + 1), 30e-3 * (y + 1), 0.0] for y in range(4) for x in range(6)])
 FOCAL, CENTRE, SIZE = np.array([910.0, 905.0]), np.array([640.0, 360.0]), np.array([1280.0, 720.0])
-LEFT_OUT = dict.fromkeys(
-    ("distortion", "u_focal", "u_centre", "u_distortion", "points", "u_scale", "u_flatness"), NAN
-)
+UNSTATED = ("distortion", "u_focal", "u_centre", "u_distortion", "points", "u_scale", "u_flatness")
+LEFT_OUT = dict.fromkeys(UNSTATED, NAN)
 
 
 def pose(euler_deg, shift):

@@ -227,15 +227,33 @@ def command(monkeypatch, capsys):
     return run
 
 
-IDLE = {
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "2s",
-    "distributed.admin.system-monitor.interval": "10s",
-    "distributed.worker.memory.target": False,
-    "distributed.worker.memory.spill": False,
-    "distributed.worker.memory.pause": False,
-    "distributed.worker.memory.terminate": False,
-}
+@pytest.fixture
+def output_of(command):
+    """What a command prints that succeeds."""
+
+    def of(*arguments):
+        code, text, error = command(*arguments)
+        assert code == 0, error
+        return text
+
+    return of
+
+
+@pytest.fixture
+def error_of(command):
+    """The only line of a command that refuses."""
+
+    def of(*arguments):
+        code, _, error = command(*arguments)
+        assert (code, error.count("\n")) == (1, 1), error
+        return error
+
+    return of
+
+
+IDLE = {f"distributed.worker.memory.{of}": False for of in ("target", "spill", "pause", "terminate")}
+IDLE |= {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "2s"}
+IDLE |= {"distributed.admin.system-monitor.interval": "10s"}
 """Settings of Dask with which a cluster without work takes 1 % of a core, not 9 %."""
 
 

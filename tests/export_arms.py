@@ -11,8 +11,7 @@ from bayescal.estimate import estimate
 from bayescal.exporting.geometry import constant_displacements
 from bayescal.fitted.arm import of_estimate
 from bayescal.fitted.unmodelled import state_row
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 from bayescal.robots import load_robot
 
 

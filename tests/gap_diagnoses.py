@@ -21,16 +21,14 @@ from bayescal.gap.result import (
     Step,
     Verdict,
 )
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import FitOptions, Scene
 
 NAN = float("nan")
 BACKLASH = Named("backlash", "backlash", (joint(3),), "", 0.97, 120.0)
 STEP = Named("step", "step@41", (BASE,), "from row 41 on", 0.95, 30.0)
 NAMED = {"named": (BACKLASH,), "named+unexplained": (BACKLASH, STEP)}
-CLASS = CauseClass(
-    (joint(3),), (Driver("direction", 3), Driver("torque", 3)), {"backlash": 0.45, "other": 0.45}
-)
+DRIVERS = (Driver("direction", 3), Driver("torque", 3))
+CLASS = CauseClass((joint(3),), DRIVERS, {"backlash": 0.45, "other": 0.45})
 SETS = {
     "null": ("null",),
     "named": ("backlash",),
@@ -95,9 +93,8 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
 
 def bare(dataset) -> Gap:
     """A gap with every table empty."""
-    return replace(
-        diagnosis(dataset, "null"), where=(), margins={}, shrinkage=(), levels=(), advice=(), blind_spots=()
-    )
+    nothing = dict.fromkeys(("where", "shrinkage", "levels", "advice", "blind_spots"), ())
+    return replace(diagnosis(dataset, "null"), margins={}, **nothing)
 
 
 def plane(dataset):

@@ -50,8 +50,7 @@ def bar(name, centre, off, length=0.3, **rest) -> Piece:
     """A ball bar about a pivot."""
     centre = np.asarray(centre, float)
     kind = Distance(centre + off, np.full(1, length), np.ones(3))
-    target = Target(name, "distance", {"centre": centre, "length": length})
-    return Piece(target, kind, about=MIDDLE, **rest)
+    return Piece(Target(name, "distance", {"centre": centre, "length": length}), kind, about=MIDDLE, **rest)
 
 
 def pin(name, point, axis, off, radius=3e-3, **rest) -> Piece:
@@ -91,8 +90,7 @@ def reached(arm, piece, rng):
             return r.T - gap[which], np.moveaxis(u, -1, 0)
 
         readings, met = arm.driven(readings, payload, touch)
-    sign = np.sign(np.diag(arm.drawing.link_from_reading))
-    angle = readings @ arm.drawing.link_from_reading.T * sign
+    angle = readings @ arm.drawing.link_from_reading.T * np.sign(np.diag(arm.drawing.link_from_reading))
     inside = np.all((angle > arm.drawing.limits[:, 0]) & (angle < arm.drawing.limits[:, 1]), axis=1)
     good = np.flatnonzero(met & inside)[: piece.count]
     assert len(good) == piece.count, f"{piece.target.name}: {len(good)} of {piece.count} found"
@@ -153,16 +151,8 @@ def of_pieces(base, pieces, certificates=(), seed=0, planes=True) -> SimpleNames
         readings[order], np.arange(2, count + 2), payload=np.concatenate(payload)[order],
         xyz=None if np.isnan(spread).all() else spread, rpy=None if np.isnan(angles).all() else angles,
     )  # fmt: skip
-    used = set(np.unique(target))
-    assert used == set(range(len(targets)))
-    dataset = replace(
-        old,
-        name="kinds",
-        tools=tuple(tools),
-        noise=Noise(CONTACT, POINT),
-        targets=tuple(targets),
-        certificates=(*(old.certificates if planes else ()), *certificates),
-        measurements=rows,
-        temperature_of=None,
-    )
+    assert set(np.unique(target)) == set(range(len(targets)))
+    certificates = (*(old.certificates if planes else ()), *certificates)
+    about = {"name": "kinds", "noise": Noise(CONTACT, POINT), "measurements": rows, "temperature_of": None}
+    dataset = replace(old, tools=tuple(tools), targets=tuple(targets), certificates=certificates, **about)
     return SimpleNamespace(dataset=dataset, arm=arm, tools=true)

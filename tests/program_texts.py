@@ -2,6 +2,5 @@
 
 from cases import DATA
 
-FANUC, KUKA, ABB, URSCRIPT, ROBODK = (
-    (DATA / "programs" / f"weld.{kind}").read_bytes() for kind in ("ls", "src", "mod", "script", "csv")
-)
+KINDS = ("ls", "src", "mod", "script", "csv")
+FANUC, KUKA, ABB, URSCRIPT, ROBODK = ((DATA / "programs" / f"weld.{kind}").read_bytes() for kind in KINDS)

@@ -31,8 +31,7 @@ def moving_session(count=150):
     dataset, rng = rail_session(count), np.random.default_rng(0)
     m, n = dataset.measurements, len(dataset.measurements.ids)
     velocity = rng.choice([-1.0, 1.0], m.readings.shape) * np.where(dataset.robot.slides, 0.1, 0.05)
-    rows = replace(
-        m, velocity=velocity, time=np.arange(n, dtype=float), payload=2.0 * (np.arange(n) % 2), line=m.line
-    )
+    time, payload = np.arange(n, dtype=float), 2.0 * (np.arange(n) % 2)
+    rows = replace(m, velocity=velocity, time=time, payload=payload, line=m.line)
     robot = replace(dataset.robot, reductions=np.array([53.0, 120, 121, 100, 100, 50, 50]))
     return replace(dataset, measurements=rows, robot=robot)

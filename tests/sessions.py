@@ -62,9 +62,8 @@ class Arm:
     def gradient(self, readings: np.ndarray, payload: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Derivatives (C, n) of u . p by the readings."""
         q = self.angles(readings, payload)
-        back = wrenches(
-            chain_of(self.robot), q, np.broadcast_to(self.tool, (len(q), 3)), self._delta(len(q)), u
-        )
+        tool = np.broadcast_to(self.tool, (len(q), 3))
+        back = wrenches(chain_of(self.robot), q, tool, self._delta(len(q)), u)
         return back[:, 1:-1, 0] @ self.robot.link_from_reading
 
     def driven(self, readings: np.ndarray, payload: np.ndarray, residual, joints: int = 3, to: float = 1e-9):
@@ -87,12 +86,8 @@ class Arm:
         r = self.robot
         out = {"beta2": self.beta}
         for i in range(1, 6):
-            out |= {
-                f"theta{i}": r.offset[i - 1],
-                f"d{i}": r.d[i - 1],
-                f"a{i}": r.a[i],
-                f"alpha{i}": r.alpha[i],
-            }
+            out |= {f"theta{i}": r.offset[i - 1], f"d{i}": r.d[i - 1]}
+            out |= {f"a{i}": r.a[i], f"alpha{i}": r.alpha[i]}
         out |= {f"compliance {name}": c for name, c in zip(r.joint_names, self.compliance, strict=True)}
         return out | {f"ball {axis}": self.tool[k] for k, axis in enumerate("xyz")}
 
@@ -105,13 +100,9 @@ def true_arm(robot: Robot, rng: np.random.Generator, spread: float) -> Arm:
         out[which] = spread * sd * rng.standard_normal(len(which))
         return out
 
-    wrong = replace(
-        robot,
-        a=robot.a + off(0.3e-3, [1, 2, 3, 4, 5]),
-        alpha=robot.alpha + off(1e-3, [1, 2, 3, 4, 5]),
-        d=robot.d + off(0.3e-3, [1, 2, 3, 4]),
-        offset=robot.offset + off(2e-3, [1, 2, 3, 4]),
-    )
+    a, alpha = robot.a + off(0.3e-3, [1, 2, 3, 4, 5]), robot.alpha + off(1e-3, [1, 2, 3, 4, 5])
+    d, offset = robot.d + off(0.3e-3, [1, 2, 3, 4]), robot.offset + off(2e-3, [1, 2, 3, 4])
+    wrong = replace(robot, a=a, alpha=alpha, d=d, offset=offset)
     compliance = np.array(TYPICAL) * np.exp(0.5 * rng.standard_normal(6))
     tool = TOOL.centre + spread * 1e-3 * rng.standard_normal(3)
     return Arm(robot, wrong, spread * 1e-3 * rng.standard_normal(), compliance, tool)
@@ -216,10 +207,8 @@ def cube(
     )
     assert np.all(closed)
     readings = readings + joint * rng.standard_normal(readings.shape)
-    certificates = (
-        Certificate("parallel", ("cube.+y", "cube.-y"), SIDE, U_DISTANCE, U_ANGLE),
-        *(Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in SQUARE),
-    )
+    certificates = [Certificate("parallel", ("cube.+y", "cube.-y"), SIDE, U_DISTANCE, U_ANGLE)]
+    certificates += [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in SQUARE]
     dataset = Dataset(
         f"cube-{seed}", Path(), robot, "fanuc-lrmate200ic", "encoder", GRAVITY, (TOOL,),
         Noise(contact=noise if stated is None else stated, joint=joint), tuple(targets), certificates,
@@ -279,10 +268,8 @@ def reflectors(shared: float, seed: int, wave: float = 0.0, stops: int = 20, noi
     """
     one = tracker(seed, stops, noise).dataset
     rng = np.random.default_rng(seed)
-    offsets = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, 0.05, 0.01]])
-    tools = tuple(
-        replace(TOOL, name=f"reflector {k}", centre=TOOL.centre + off) for k, off in enumerate(offsets)
-    )
+    centres = TOOL.centre + np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, 0.05, 0.01]])
+    tools = tuple(replace(TOOL, name=f"reflector {k}", centre=c) for k, c in enumerate(centres))
     at = np.repeat(np.arange(stops), 3)
     one = plain(with_rows(one, at, tuple(f"r{k}" for k in range(len(at)))))
     dataset = with_columns(replace(one, tools=tools), tool=np.tile(np.arange(3), stops))

@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import grimp
 import pytest
-from cases import ROOT
+from cases import ROOT, cases
 from importlinter.api import read_configuration
 from importlinter.contracts.forbidden import ForbiddenContract
 from importlinter.contracts.layers import LayersContract
@@ -12,28 +12,9 @@ from importlinter.contracts.layers import LayersContract
 CONFIGURATION = read_configuration(str(ROOT / ".importlinter"))
 SESSION = CONFIGURATION["session_options"]
 KINDS = {"layers": LayersContract, "forbidden": ForbiddenContract}
-CONTRACTS = {
-    options["id"]: KINDS[options["type"]](options["name"], SESSION, options)
-    for options in CONFIGURATION["contracts_options"]
-}
-BREACHES = [
-    ("bayescal.arm.chain", "bayescal.model", "floors"),
-    ("bayescal.estimate.estimate", "bayescal.cli", "floors"),
-    ("bayescal.effects.geometry", "bayescal.dataset", "floors"),
-    ("bayescal.nowhere", "bayescal.errors", "floors"),
-    ("factors.kind", "bayescal.errors", "factors"),
-    ("bayescal.arm.statics", "factors.kind", "arm"),
-    ("bayescal.effects.geometry", "gtsam", "arm"),
-    ("bayescal.estimate.estimate", "gtsam", "graph"),
-    ("factors.contacts", "gtsam", "graph"),
-    ("bayescal.model.model", "arviz", "sampler"),
-    ("bayescal.estimate.estimate", "emcee", "sampler"),
-    ("analysis.world.build", "bayescal.arm.chain", "world"),
-    ("bayescal.model.model", "pinocchio", "pinocchio"),
-    ("bayescal.model.model", "mujoco", "mujoco"),
-    ("bayescal.storage.folders", "distributed", "dask"),
-    ("bayescal.cli.evaluation", "bayescal.calibration", "commands"),
-]
+OPTIONS = CONFIGURATION["contracts_options"]
+CONTRACTS = {of["id"]: KINDS[of["type"]](of["name"], SESSION, of) for of in OPTIONS}
+BREACHES = cases("layer_breaches")
 """An import that is not there, and the contract that forbids it."""
 
 

@@ -43,8 +43,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(files):
 
 def test_data_that_the_program_reads(files):
     """Robots, templates, styles: whatever is not Python."""
-    kinds = {Path(name).suffix for name in files}
-    assert {".py", ".yaml", ".j2"} <= kinds
+    assert {".py", ".yaml", ".j2"} <= {Path(name).suffix for name in files}
     assert {"bayescal/py.typed", "factors/py.typed"} <= files
     assert not {name for name in files if name.endswith((".nbi", ".nbc", ".pyc"))}
 
@@ -73,8 +72,7 @@ def test_every_requirement_is_pinned():
     wanted = [*project["dependencies"], *(r for e in project["optional-dependencies"].values() for r in e)]
     names = {plain(re.match(r"[\w.-]+", requirement)[0]) for requirement in wanted} - {"bayescal"}
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
-    pinned = {plain(line.partition("==")[0]) for line in lines if "==" in line}
-    assert names - pinned == {"jupyterlab"}
+    assert names - {plain(line.partition("==")[0]) for line in lines if "==" in line} == {"jupyterlab"}
 
 
 def plain(name: str) -> str:
@@ -120,13 +118,8 @@ def declared(entries: list[str]) -> set[str]:
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     base, extras = declared(project["dependencies"]), project["optional-dependencies"]
-    optional = declared(
-        [
-            e
-            for name in ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio", "usd", "dask")
-            for e in extras[name]
-        ]
-    )
+    names = ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio", "usd", "dask")
+    optional = declared([e for name in names for e in extras[name]])
     used = imported()
     assert used <= base | optional
     assert base <= used

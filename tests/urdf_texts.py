@@ -33,11 +33,8 @@ def arm(seed: int, n: int, style: str, slides: tuple[int, ...] = ()) -> str:
     for i in range(1, n + 1):
         if rng.random() < 0.4:
             parts += [link(f"rib{i}", 0.3, rng.uniform(-0.1, 0.1, 3))]
-            parts += [
-                joint(
-                    f"weld{i}", before, f"rib{i}", "fixed", rng.uniform(-0.2, 0.2, 3), rng.uniform(-1, 1, 3)
-                )
-            ]
+            shift, turn = rng.uniform(-0.2, 0.2, 3), rng.uniform(-1, 1, 3)
+            parts += [joint(f"weld{i}", before, f"rib{i}", "fixed", shift, turn)]
             before = f"rib{i}"
         rpy = rng.uniform(-3, 3, 3) if style == "skew" else rng.choice(square, 3)
         axis = rng.standard_normal(3) if style == "skew" else rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)]
@@ -47,9 +44,8 @@ def arm(seed: int, n: int, style: str, slides: tuple[int, ...] = ()) -> str:
         kind = "prismatic" if i in slides else "revolute"
         parts += [joint(f"j{i}", before, f"l{i}", kind, rng.uniform(-0.5, 0.5, 3), rpy, axis)]
         parts += [link(f"box{i}", 0.2, rng.uniform(-0.1, 0.1, 3))]
-        parts += [
-            joint(f"bolt{i}", f"l{i}", f"box{i}", "fixed", rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3))
-        ]
+        shift, turn = rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3)
+        parts += [joint(f"bolt{i}", f"l{i}", f"box{i}", "fixed", shift, turn)]
         before = f"l{i}"
     parts += [link("plate", 0.1), link("tip")]
     parts += [joint("mount", before, "plate", "fixed", (0.1, 0.02, 0.3), (0.3, -0.2, 0.1))]

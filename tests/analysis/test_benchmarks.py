@@ -10,8 +10,7 @@ from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Motion, Term
 from bayescal.dataset import read_dataset
 from bayescal.estimate import linearise, solve, unit_weights
-from bayescal.model import ARM, build
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, Scene, build
 
 
 @pytest.fixture(scope="module")
@@ -24,18 +23,15 @@ def test_faces_keep_their_share(small):
     assert [len(block.rows) for block in small.model.blocks] == [12, 12, 12, 12]
 
 
-@pytest.mark.parametrize(
-    ("terms", "more"),
-    [
-        ([], 0),
-        ([Term(1, "rz"), Term(2, "tz"), Term(1, "rx"), Term(3, "tx")], 0),  # constants are folded
-        ([Term(1, "rz", np.array([0.5, 1.0]))], 2 + 16),  # term; sine and cosine
-        ([Term(1, "rz", np.array([0.5, 1.0])), Term(1, "rz", np.array([0.3, 1.0]))], 4 + 16),
-        ([Term(0, "rx")], 6),  # a turn of the base
-        ([Term(0, "ty", np.array([0.5, 1.0]))], 2),
-        ([Term(2, "tx", np.array([0.5, 1.0]))], 2 + 2 + 1),  # term; slides along x, y; z on its own
-    ],
-)
+@pytest.mark.parametrize(("terms", "more"), [
+    ([], 0),
+    ([Term(1, "rz"), Term(2, "tz"), Term(1, "rx"), Term(3, "tx")], 0),  # constants are folded
+    ([Term(1, "rz", np.array([0.5, 1.0]))], 2 + 16),  # term; sine and cosine
+    ([Term(1, "rz", np.array([0.5, 1.0])), Term(1, "rz", np.array([0.3, 1.0]))], 4 + 16),
+    ([Term(0, "rx")], 6),  # a turn of the base
+    ([Term(0, "ty", np.array([0.5, 1.0]))], 2),
+    ([Term(2, "tx", np.array([0.5, 1.0]))], 2 + 2 + 1),  # term; slides along x, y; z on its own
+])  # fmt: skip
 def test_flops_by_hand(terms, more):
     chain = Chain(np.eye(4), np.tile(np.eye(4), (3, 1, 1)), np.zeros(2))
     motion = Motion(chain, np.zeros((2, 2)), np.zeros((2, 3)), list(enumerate(terms)), len(terms))
@@ -70,13 +66,9 @@ def test_same_start_same_end(small):
 # --- The mixed session of the benchmark is its parts put together, and no more work than they are.
 
 
-@pytest.fixture(scope="module")
-def whole():
-    return mixed(read_dataset(EXAMPLE))
-
-
-def test_mixed_is_its_parts(whole):
+def test_mixed_is_its_parts():
     """Block by block the same residuals and slopes by the arm, and no further ones but constraints."""
+    whole = mixed(read_dataset(EXAMPLE))
     model = build(Scene(whole), EFFECTS)
     values = model.deviations(np.full(len(model.parameters), 0.1))
     blocks = 0
@@ -94,9 +86,8 @@ def test_mixed_is_its_parts(whole):
     assert blocks == len(model.blocks)
     z = np.zeros(model.size)
     linear = linearise(model, z, unit_weights(model, z))
-    assert len(linear.residual) == sum(b.residuals for b in model.blocks) + sum(
-        t.rows for t in model.constraints
-    )
+    rows = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.constraints)
+    assert len(linear.residual) == rows
     assert model.slices[ARM].stop == len(model.parameters)
 
 

@@ -22,12 +22,8 @@ NOISE = {"contact_mm": 0.01, "point_mm": 0.01}
 
 def made(targets, rows, certificates=()):
     """A session of rows (role, target, xyz or None) with a ball of radius 3 mm."""
-    said = {
-        "tools": {"ball": {"ball_radius_mm": 3.0}},
-        "noise": NOISE,
-        "targets": targets,
-        "certificates": list(certificates),
-    }
+    said = {"tools": {"ball": {"ball_radius_mm": 3.0}}, "noise": NOISE}
+    said |= {"targets": targets, "certificates": list(certificates)}
     cells = [
         {"id": f"r{k}", "role": role, "target": target}
         | ({} if xyz is None else dict(zip(tasks.XYZ, map(str, xyz), strict=True)))
@@ -78,8 +74,7 @@ def test_gross_errors_of_calibration_rows_do_not_move_a_target():
 
 def test_the_frame_of_an_instrument_does_not_count():
     points = RNG.uniform(-500, 500, (12, 3))
-    turn = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
-    xyz = (points - [1000.0, -200.0, 50.0]) @ turn
+    xyz = (points - [1000.0, -200.0, 50.0]) @ Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
     rows = [("calibrate" if k < 8 else "validate", "tracker", x) for k, x in enumerate(xyz)]
     assert figures(made(TRACKER, rows), entry(points)).maximum < 1e-9
     off = points.copy()
@@ -100,16 +95,13 @@ def test_spheres_of_validation_rows_are_scored_by_their_distance():
     assert found.distance_rms == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(
-    ("said", "effects", "p", "right"),
-    [
-        ([(["backlash"], 0.7), ([], 0.3)], ["backlash"], 0.7, 1),
-        ([(["backlash"], 0.7), ([], 0.3)], [], 0.3, 0),
-        ([(["backlash", "step"], 1.0)], ["backlash"], FLOOR, 0),
-        ([(["step", "unknown"], 0.4), (["unknown"], 0.3)], ["unknown"], 0.7, 1),
-        ([], ["step"], FLOOR, 0),
-    ],
-)
+@pytest.mark.parametrize(("said", "effects", "p", "right"), [
+    ([(["backlash"], 0.7), ([], 0.3)], ["backlash"], 0.7, 1),
+    ([(["backlash"], 0.7), ([], 0.3)], [], 0.3, 0),
+    ([(["backlash", "step"], 1.0)], ["backlash"], FLOOR, 0),
+    ([(["step", "unknown"], 0.4), (["unknown"], 0.3)], ["unknown"], 0.7, 1),
+    ([], ["step"], FLOOR, 0),
+])  # fmt: skip
 def test_names_are_scored_by_the_probability_of_the_true_set(said, effects, p, right):
     names = of_sets([{"effects": e, "probability": q} for e, q in said])
     assert of_names(names, {"effects": effects}) == (pytest.approx(log(p)), right)
@@ -124,20 +116,17 @@ def good():
     return record_of("tool", "task", ("a", "b"), np.zeros((2, 3)), 1.0, np.ones(2), {frozenset(): 1.0})
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"colour": "red"}, "colour"),
-        ({"task": "other"}, "of the task other"),
-        ({"rows": good()["rows"][:1]}, "lacks 1 of 2 rows, the first is b"),
-        ({"rows": [*good()["rows"], good()["rows"][0]]}, "a row twice"),
-        ({"rows": [*good()["rows"], {"id": "c", "tcp_mm": [0, 0, 0]}]}, "row c"),
-        ({"rows": [{"id": "a", "tcp_mm": [0, 0, float("nan")]}]}, "NaN"),
-        ({"rows": [{"id": "a", "tcp_mm": [0, 0, 0], "u_mm": 0}]}, "u_mm"),
-        ({"names": [{"effects": ["rust"], "probability": 1}]}, "rust"),
-        ({"names": [{"effects": e, "probability": 0.6} for e in ([], ["step"])]}, "more than 1"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ({"colour": "red"}, "colour"),
+    ({"task": "other"}, "of the task other"),
+    ({"rows": good()["rows"][:1]}, "lacks 1 of 2 rows, the first is b"),
+    ({"rows": [*good()["rows"], good()["rows"][0]]}, "a row twice"),
+    ({"rows": [*good()["rows"], {"id": "c", "tcp_mm": [0, 0, 0]}]}, "row c"),
+    ({"rows": [{"id": "a", "tcp_mm": [0, 0, float("nan")]}]}, "NaN"),
+    ({"rows": [{"id": "a", "tcp_mm": [0, 0, 0], "u_mm": 0}]}, "u_mm"),
+    ({"names": [{"effects": ["rust"], "probability": 1}]}, "rust"),
+    ({"names": [{"effects": e, "probability": 0.6} for e in ([], ["step"])]}, "more than 1"),
+])  # fmt: skip
 def test_a_bad_entry_is_refused_in_one_line(tmp_path, change, words):
     path = tmp_path / "tool.json"
     path.write_text(json.dumps(good()))
@@ -148,8 +137,7 @@ def test_a_bad_entry_is_refused_in_one_line(tmp_path, change, words):
 
 def test_halves_divide_rows_and_leave_what_only_validates():
     role = np.array(["calibrate"] * 8 + ["validate"] * 4 + ["locate", "validate"])
-    target = np.array(["a"] * 12 + ["b"] * 2)
-    late = tasks.halves(role, target)
+    late = tasks.halves(role, np.array(["a"] * 12 + ["b"] * 2))
     assert [k for k, r in late.items() if r == "validate"] == list(range(6, 12))
     assert set(late) == set(range(12))
 
@@ -169,18 +157,15 @@ def small(tmp_path_factory) -> Path:
 def test_a_run_enters_scores_and_continues(small, capsys):
     chosen = {name: TOOLS[name] for name in ("nominal arm", "bayescal fit", "survey, open loop")}
     run.entered(small, chosen)
-    place = small / "entries" / "small"
-    assert "instrument" in (place / "survey--open-loop.txt").read_text()
+    assert "instrument" in (small / "entries" / "small" / "survey--open-loop.txt").read_text()
 
     def never(given: object) -> Answer:
         raise AssertionError
 
     run.entered(small, dict.fromkeys(chosen, never))  # what is there is kept
     run.main(["score", "--out", str(small)])
-    nominal, ours = (
-        next(r for r in json.loads((small / "scores.json").read_text()) if r["tool"] == name)
-        for name in ("nominal arm", "bayescal fit")
-    )
+    scores = {r["tool"]: r for r in json.loads((small / "scores.json").read_text())}
+    nominal, ours = (scores[name] for name in ("nominal arm", "bayescal fit"))
     assert 0 < ours["rms"] < 0.2 * nominal["rms"]
     assert ours["inside95"] > 0.8
     assert "survey, open loop, 1 task: no calibration row" in capsys.readouterr().out

@@ -73,8 +73,7 @@ A, B = np.array([0]), np.array([1])
 
 def test_equal_columns_are_guessed_and_different_ones_are_known() -> None:
     rng = np.random.default_rng(0)
-    same = 400.0 * np.ones((2, 2))
-    assert right(same, A, B, 1.0, rng, fixed=True) == pytest.approx(0.5, abs=0.03)
+    assert right(400.0 * np.ones((2, 2)), A, B, 1.0, rng, fixed=True) == pytest.approx(0.5, abs=0.03)
     assert right(400.0 * np.eye(2), A, B, 1.0, rng, fixed=True) > 0.999
     assert right(1e-6 * np.eye(2), A, B, 1.0, rng) == pytest.approx(0.5, abs=0.03)
 

@@ -8,32 +8,25 @@ from analysis.outside import Task, answer, card, diagnosed, tasks, truths
 from bayescal.motion.effects import EFFECTS as OF_MOTIONS
 
 NAMED = {"baseline": ["geometry"], "verdict": "named", "effects": ["step"], "probability": {"step": 0.97}}
-CLASS = NAMED | {
-    "verdict": "class",
-    "effects": [],
-    "probability": {"step": 0.6},
-    "class": {"members": {"step": 0.6, "other": 0.3}},
-}
+CLASS = NAMED | {"verdict": "class", "effects": [], "probability": {"step": 0.6}}
+CLASS |= {"class": {"members": {"step": 0.6, "other": 0.3}}}
 
 
 def truth(kind, *effects, detectability=50.0):
     return {"kind": kind, "effects": list(effects), "lambda": {"value": detectability}}
 
 
-@pytest.mark.parametrize(
-    ("of", "record", "held_out", "right", "partly", "false"),
-    [
-        (truth("single", "step"), NAMED, False, True, True, 0),
-        (truth("single", "step"), NAMED, True, False, False, 1),
-        (truth("pair", "step", "lobing"), NAMED, False, False, True, 0),
-        (truth("single", "lobing"), NAMED, False, False, False, 1),
-        (truth("outside", "unknown"), NAMED, False, False, False, 1),
-        (truth("outside", "unknown"), CLASS, False, True, True, 0),
-        (truth("single", "step"), CLASS, False, False, True, 0),
-        (truth("null", "null"), NAMED, False, False, False, 1),
-        (truth("null"), NAMED | {"verdict": "null", "effects": [], "probability": {}}, False, True, True, 0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("of", "record", "held_out", "right", "partly", "false"), [
+    (truth("single", "step"), NAMED, False, True, True, 0),
+    (truth("single", "step"), NAMED, True, False, False, 1),
+    (truth("pair", "step", "lobing"), NAMED, False, False, True, 0),
+    (truth("single", "lobing"), NAMED, False, False, False, 1),
+    (truth("outside", "unknown"), NAMED, False, False, False, 1),
+    (truth("outside", "unknown"), CLASS, False, True, True, 0),
+    (truth("single", "step"), CLASS, False, False, True, 0),
+    (truth("null", "null"), NAMED, False, False, False, 1),
+    (truth("null"), NAMED | {"verdict": "null", "effects": [], "probability": {}}, False, True, True, 0),
+])  # fmt: skip
 def test_an_answer_is_right_if_it_names_what_is_there(of, record, held_out, right, partly, false):
     found = answer(of, record, held_out)
     assert (found.right, found.partly, found.false) == (right, partly, false)
@@ -73,17 +66,14 @@ def test_sessions_of_one_effect_are_held_out(tmp_path, blind):
     assert [t.without for t in tasks(found, tmp_path, False)] == [""] * 4
 
 
-@pytest.mark.parametrize(
-    ("site", "located"),
-    [
-        ("joint 1", True),
-        ("joint 10", False),
-        ("cube.+x", True),
-        ("cube", True),
-        ("cubes", False),
-        ("", False),
-    ],
-)
+@pytest.mark.parametrize(("site", "located"), [
+    ("joint 1", True),
+    ("joint 10", False),
+    ("cube.+x", True),
+    ("cube", True),
+    ("cubes", False),
+    ("", False),
+])  # fmt: skip
 def test_the_first_location_is_one_of_the_truth(site, located):
     of = truth("single", "step") | {"where": [{"site": "joint 1"}, {"site": "face", "also": ["cube."]}]}
     record = NAMED | {"where": [{"site": site}, {"site": "joint 1"}] if site else []}
@@ -95,7 +85,7 @@ def test_the_card_counts_by_kind_and_detectability():
     every = [answer(truth("single", "step", detectability=x), NAMED, False) for x in (31.0, 99.0, 101.0)]
     every.append(answer(truth("single", "lobing"), NAMED, False))
     rows = [line.split() for line in list(card(every))[1:]]
-    assert rows == [
-        ["single", "30-100", "3", "0.67", "0.67", "-", "1"],
-        ["single", "100-inf", "1", "1.00", "1.00", "-", "0"],
+    assert [" ".join(row) for row in rows] == [
+        "single 30-100 3 0.67 0.67 - 1",
+        "single 100-inf 1 1.00 1.00 - 0",
     ]

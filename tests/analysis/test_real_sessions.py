@@ -43,8 +43,7 @@ def run(sockets, tmp_path_factory, renewed):
 
 
 def arguments(folder):
-    given = ["--real", folder / "real", "--runs", folder / "runs", "--out", folder / "page.md"]
-    return [*map(str, given)]
+    return [*map(str, ["--real", folder / "real", "--runs", folder / "runs", "--out", folder / "page.md"])]
 
 
 def records(folder):
@@ -131,8 +130,7 @@ def waved(tracker):
 def test_the_stated_uncertainty_of_a_half_holds_for_the_other(waved):
     (one, other) = next(real_halves.splits(waved)).halves
     functions = real_halves.families(Scene(waved).circumstances(np.concatenate([one, other])))
-    found = real_halves.half(waved, one, other, functions)
-    assert 0.9 <= found.inside[1] <= 1.0
+    assert 0.9 <= real_halves.half(waved, one, other, functions).inside[1] <= 1.0
 
 
 # --- Steps added to sessions.
@@ -144,9 +142,8 @@ def test_a_shifted_base_is_seen_by_an_instrument_and_in_the_readings(waved, sock
     (t,), row = waved.targets, 40
     moved = real_steps.shifted(waved, row, by).measurements.xyz - waved.measurements.xyz
     np.testing.assert_allclose(moved[:row], 0.0)
-    np.testing.assert_allclose(
-        moved[row:] @ rpy_matrix(t.values["rpy"]).T, by + np.zeros((40, 3)), atol=1e-12
-    )
+    turn = rpy_matrix(t.values["rpy"])
+    np.testing.assert_allclose(moved[row:] @ turn.T, by + np.zeros((40, 3)), atol=1e-12)
     arm = NominalArm(sockets.robot, sockets.tools[0].centre)
     after = real_steps.shifted(sockets, row, by).measurements.readings
     before, after = (arm.tool_poses(arm.frames(q)) for q in (sockets.measurements.readings, after))
@@ -161,8 +158,7 @@ def test_a_step_is_within_the_rows_of_a_target(sockets):
     target = sockets.measurements.target
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         row = real_steps.seen_at(sockets, rows, share)
-        mine = rows[target[rows] == target[row]]
-        assert 3 <= np.sum(mine < row) <= 9
+        assert 3 <= np.sum(rows[target[rows] == target[row]] < row) <= 9
     row = real_steps.seen_at(sockets, rows, 0.5)
     assert np.linalg.norm(real_steps.direction(sockets, row, 0.5)) == pytest.approx(1.0)
 

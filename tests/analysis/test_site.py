@@ -54,11 +54,9 @@ def anchors(text: str) -> set[str]:
 
 @pytest.mark.parametrize("page", sorted({**OWN, **INCLUDED}), ids=str)
 def test_links_lead_to_pages_and_headings(page):
-    path = {**OWN, **INCLUDED}[page]
-    text, broken = linked(path.read_text(encoding="utf-8"), page)
+    text, broken = linked({**OWN, **INCLUDED}[page].read_text(encoding="utf-8"), page)
     assert not broken
-    plain = CODE.sub("", text)
-    for _, target in LINK.findall(plain):
+    for _, target in LINK.findall(CODE.sub("", text)):
         if re.match(r"[a-z]+:", target):
             continue
         to, _, anchor = target.partition("#")

@@ -176,17 +176,12 @@ def test_the_truth_fits_its_session(sessions):
 
 
 def test_points_of_an_instrument_and_gross_contacts_are_as_drawn():
-    design = Design("all", "", 16, 0, 0, points=12, gross=0.1, masses=True)
-    made = simulated(design, 1)
-    m = made.dataset.measurements
-    read = np.flatnonzero(np.all(np.isfinite(m.xyz), axis=1))
-    assert len(read) == 12
+    made = simulated(Design("all", "", 16, 0, 0, points=12, gross=0.1, masses=True), 1)
+    assert len(np.flatnonzero(np.all(np.isfinite(made.dataset.measurements.xyz), axis=1))) == 12
     assert len(made.gross) == 2
     assert set(made.scales) == {"contact", "point"}
     found = calibrated(Scene(made.dataset, oriented=True), MODEL)
-    truth = made.z(found.model)
-    block = found.model.block_of["tracker"]
-    r = found.residuals(block, truth)
+    r = found.residuals(found.model.block_of["tracker"], made.z(found.model))
     # the masses are in error: the arm deflects by some µm more than its model
     assert np.sqrt(np.mean(r**2)) < 3 * made.scales["point"] * 30e-6
 
@@ -195,8 +190,7 @@ def test_points_of_an_instrument_and_gross_contacts_are_as_drawn():
 def test_a_clean_session_loses_no_contact(name, seed):
     """With 30 contacts for 39 unknowns, of twice the stated noise; and 16 contacts beside points."""
     (design,) = (d for d in DESIGNS if d.name == name)
-    made = simulated(design, seed)
-    assert len(calibrated(Scene(made.dataset, oriented=True), MODEL).rejected) == 0
+    assert len(calibrated(Scene(simulated(design, seed).dataset, oriented=True), MODEL).rejected) == 0
 
 
 def pairs_of(factor, size=12, count=60, seed=0):
@@ -259,15 +253,13 @@ def test_what_is_stated_is_wrong_and_nothing_else():
     dataset = simulate(Options(seed=seed, contacts=60, repeats=0, placements=0)).dataset
     changed = own.wrongly_stated(dataset, seed, stated=0.75, masses=0.15)
     assert changed.noise.contact == pytest.approx(0.75 * dataset.noise.contact)
-    off = changed.robot.masses / dataset.robot.masses - 1
-    assert 0.02 < abs(off).max() <= 0.15
+    assert 0.02 < abs(changed.robot.masses / dataset.robot.masses - 1).max() <= 0.15
     same = own.wrongly_stated(dataset, seed)
     assert all(getattr(same, f.name) is getattr(dataset, f.name) for f in fields(Dataset))
 
 
 def test_a_session_of_the_calibration_checks_is_compared_with_its_truth():
-    few = next(d for d in DESIGNS if d.name == "few")
-    record = checked(few, 4)
+    record = checked(next(d for d in DESIGNS if d.name == "few"), 4)
     assert (record["design"], record["seed"]) == ("few", 4)
     assert len(record["names"]) == len(record["plain"]) == len(record["stated"])
     assert all(0.0 <= place <= 1.0 for place in record["plain"])

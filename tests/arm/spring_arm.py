@@ -4,8 +4,6 @@ Only the robot file's table, masses, tool and mounting are read, nothing of the 
 stiffness k turns by the moment about its own axis over k. It does its own kinematics and statics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -138,8 +136,7 @@ class MuJoCoArm:
                 body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=part.axis, stiffness=stiff)
                 self.hinges.append(part)
             elif isinstance(part, Mass):
-                own = body.add_body(pos=place[:3, 3])
-                self._weigh(own, part.kilograms)
+                self._weigh(body.add_body(pos=place[:3, 3]), part.kilograms)
             else:
                 body.add_site(name="flange", pos=place[:3, 3], quat=quaternion)
         self.model = spec.compile()
@@ -161,8 +158,7 @@ class MuJoCoArm:
         soft = np.array([h.give > 0 for h in self.hinges])
         self.model.qpos_spring[:] = rest
         self.engine.mj_forward(self.model, self.data)
-        left = (self.data.qfrc_passive - self.data.qfrc_bias)[soft]
-        np.testing.assert_allclose(left, 0.0, atol=1e-9)
+        np.testing.assert_allclose((self.data.qfrc_passive - self.data.qfrc_bias)[soft], 0.0, atol=1e-9)
 
     def flange(self) -> np.ndarray:
         out = np.eye(4)

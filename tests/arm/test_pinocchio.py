@@ -197,8 +197,7 @@ def test_lrmate_against_the_published_table():
 
     robot, _ = load_robot("fanuc-lrmate200ic")
     assert robot.masses.sum() == pytest.approx(21.25)
-    rng = np.random.default_rng(2)
-    for degrees in rng.uniform(-180, 180, (100, 6)):
+    for degrees in np.random.default_rng(2).uniform(-180, 180, (100, 6)):
         j1, j2, j3, j4, j5, j6 = degrees
         pose = pin.SE3.Identity()
         for (alpha, a, d), theta in zip(rows, (j1, j2 - 90, -(j3 + j2), -j4, -j5, -j6), strict=True):

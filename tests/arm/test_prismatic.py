@@ -98,8 +98,7 @@ def test_slopes_of_the_nominal_arm(kinds):
 
 
 def test_inverse_kinematics_keeps_a_carriage_on_its_rail():
-    robot = robot_of("PRRRRRR", seed=4)
-    arm = NominalArm(robot, np.zeros(3))
+    arm = NominalArm(robot_of("PRRRRRR", seed=4), np.zeros(3))
     angles = np.array([[0.5, 0.3, -0.6, 0.4, 0.8, 0.7, -0.2], [1.5, 1.0, 0.5, 0.9, -1.0, 1, 1]])
     readings = arm.readings_of(angles)
     poses = arm.tool_poses(arm.frames(readings))

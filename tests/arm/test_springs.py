@@ -14,10 +14,9 @@ from bayescal.effects import parameters_of
 from bayescal.effects.compliance import typical
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, settled
-from bayescal.model import Model, build, equilibrium
+from bayescal.model import Model, Scene, build, equilibrium
 from bayescal.model.equilibrium import STILL, by_name, moved
 from bayescal.model.equilibrium import tool_points as our_points
-from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate
 
@@ -50,8 +49,7 @@ def session(robot, mounting):
     robot, m = replace(load_robot(name)[0], convention=convention), dataset.measurements
     rows = {f.name: v[:POSES] for f in fields(m) if (v := getattr(m, f.name)) is not None}
     rows["readings"] = np.random.default_rng(1).uniform(-2.6, 2.6, (POSES, robot.n))
-    gravity = 9.81 * DOWN[mounting]
-    return replace(dataset, robot=robot, gravity=gravity, measurements=replace(m, **rows))
+    return replace(dataset, robot=robot, gravity=9.81 * DOWN[mounting], measurements=replace(m, **rows))
 
 
 def drawn(dataset, mounting, effects):
@@ -132,17 +130,13 @@ def apart(robot, mounting, effects, mass=0.0):
     return 1e6 * np.max(np.linalg.norm(off, axis=1)), 1e6 * np.max(np.linalg.norm(found - stiff, axis=1))
 
 
-@pytest.mark.parametrize(
-    ("effects", "limit", "mass"),
-    [
-        (("compliance",), 1e-3, 0.0),
-        (("compliance", "bearing"), 1e-3, 0.0),
-        (("compliance", "base"), 0.1, 0.0),
-        (("compliance", "link"), 0.6, 0.0),
-        (("compliance", "bearing", "base"), 0.15, MORE),
-    ],
-    ids=["joints", "bearings", "base", "links", "payload"],
-)
+@pytest.mark.parametrize(("effects", "limit", "mass"), [
+    (("compliance",), 1e-3, 0.0),
+    (("compliance", "bearing"), 1e-3, 0.0),
+    (("compliance", "base"), 0.1, 0.0),
+    (("compliance", "link"), 0.6, 0.0),
+    (("compliance", "bearing", "base"), 0.15, MORE),
+], ids=["joints", "bearings", "base", "links", "payload"])  # fmt: skip
 @pytest.mark.parametrize(("robot", "mounting"), [*zip(ROBOTS, DOWN, strict=True)])
 def test_an_arm_rests_where_its_springs_hold_it(robot, mounting, effects, limit, mass):
     """With errors of the table too. Bases and links turn beside their frames: with first-order slides."""

@@ -109,8 +109,7 @@ def same(a: np.ndarray, b: np.ndarray) -> bool:
 def test_all_solutions_of_a_ur5e():
     arm = arm_of("universal-robots-ur5e")
     pose = arm.frames(random_readings(arm, 30))
-    found = solutions(arm, arm.tool_poses(pose))
-    for own, flange in zip(found, pose[:, -1], strict=True):
+    for own, flange in zip(solutions(arm, arm.tool_poses(pose)), pose[:, -1], strict=True):
         expected = ur_in_closed_form(arm.robot, flange)
         assert len(own) == len(expected)
         assert all(any(same(a, b) for b in own) for a in expected)
@@ -137,8 +136,7 @@ def test_solutions_reach_their_pose_within_the_limits(name):
     poses = arm.tool_poses(arm.frames(readings))
     found = solutions(arm, poses, readings[:, None])
     for own, pose, own_readings in zip(found, poses, readings, strict=True):
-        chosen = nearest(arm, own, own_readings[None])
-        assert np.abs(chosen - own_readings).max() < 1e-5
+        assert np.abs(nearest(arm, own, own_readings[None]) - own_readings).max() < 1e-5
         here = arm.tool_poses(arm.frames(arm.readings_of(own)))
         away, turn = poses_apart(here, np.broadcast_to(pose, here.shape))
         assert np.abs(away).max() < 1e-8
@@ -191,12 +189,9 @@ def test_what_is_found_has_the_orientation_too(name):
     low, high = arm.robot.limits.T
     begin, there = descend(to_points(arm, points), arm.angles_of(random_readings(arm, 80, 1)), low, high)
     assert there.mean() > 0.5
-    by_task = {
-        "pose": to_poses(arm, goals),
-        "fitted": to_poses(arm, goals, lambda readings, which: arm.tool_poses(arm.frames(readings))),
-        "frame": to_frames(arm, goals),
-        "axis": to_axes(arm, points, axes),
-    }
+    fitted = to_poses(arm, goals, lambda readings, which: arm.tool_poses(arm.frames(readings)))
+    by_task = {"pose": to_poses(arm, goals), "fitted": fitted, "frame": to_frames(arm, goals)}
+    by_task["axis"] = to_axes(arm, points, axes)
     for task, own in by_task.items():
         angles, found = descend(own, begin, low, high, passes=60)
         assert (found & there).sum() > 15, task

@@ -74,9 +74,8 @@ def test_poses_and_torques_are_those_of_the_tree(case):
         for name, value in zip(robot.joint_names, values, strict=True):
             data.joint(name).qpos[0] = value
         mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(
-            np.linalg.inv(pose(data, "l_tool")) @ pose(data, "r_tool"), ours[k], atol=1e-12
-        )
+        theirs = np.linalg.inv(pose(data, "l_tool")) @ pose(data, "r_tool")
+        np.testing.assert_allclose(theirs, ours[k], atol=1e-12)
         theirs = [-data.joint(name).qfrc_bias[0] for name in robot.joint_names]
         np.testing.assert_allclose(torques[k], theirs, rtol=1e-10, atol=1e-10)
 
@@ -90,10 +89,8 @@ def test_loads_of_single_masses_add_up(case):
     down, about = gravity_in_f0(chain, places, GRAVITY), hinges(chain, places)
     first, held_at = robot.ground.load
     bodies = [(0, first, np.broadcast_to(held_at, (len(q), 3)))]
-    bodies += [
-        (i, robot.masses[i - 1], placed(places[:, i], centre_of_mass(robot, chain, i)))
-        for i in range(1, robot.n + 1)
-    ]
+    centres = (centre_of_mass(robot, chain, i) for i in range(1, robot.n + 1))
+    bodies += [(i, robot.masses[i - 1], placed(places[:, i], centre)) for i, centre in enumerate(centres, 1)]
     bodies += [(robot.n, 1.7, placed(places[:, -1], centre))]
     turn = np.tile(np.eye(3), (len(q), 1, 1))
     single = [about.by_mass(i, m * down, at, turn)[0] for i, m, at in bodies]

@@ -31,8 +31,7 @@ from bayescal.assess.shared_causes import Group, SharedCause, _windows, groups_o
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, Dataset, read_dataset
 from bayescal.estimate.unexplained import Unexplained
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import FitOptions, Scene
 from bayescal.predict.validation import DistanceCheck, RowCheck, Validation
 
 FULL = ("geometry", "compliance")
@@ -51,10 +50,8 @@ def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=
         return drawn[0], drawn[1:]
 
     r, predicted = parts(contacts)
-    error, of_distance = parts(distances, 2.0)  # the arm is too long, or too short
-    pairs = [
-        DistanceCheck((f"a{k}", f"b{k}"), 0.2, 0.0, error[k], of_distance[:, k]) for k in range(distances)
-    ]
+    error, lengths = parts(distances, 2.0)  # the arm is too long, or too short
+    pairs = [DistanceCheck((f"a{k}", f"b{k}"), 0.2, 0.0, error[k], lengths[:, k]) for k in range(distances)]
     return Validation((), (RowCheck("face", r, predicted),), tuple(pairs), (), ())
 
 
@@ -88,17 +85,14 @@ def test_an_unexplained_error_of_points_is_found_from_distances():
     assert widened(SOUND, v, acceptance(SOUND, v)).excess == pytest.approx(40e-6, rel=0.12)
 
 
-@pytest.mark.parametrize(
-    ("spoil", "test"),
-    [
-        (lambda v: replace(v, planes=(replace(v.planes[0], residuals=2.5 * v.planes[0].residuals),)),
-         "validation_contacts"),
-        (lambda v: replace(v, distances=tuple(replace(d, error=5 * d.error) for d in v.distances)),
-         "validation_distances"),
-        (lambda v: replace(v, distances=tuple(replace(d, error=d.error + 30e-6) for d in v.distances)),
-         "mean_distance_error"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("spoil", "test"), [
+    (lambda v: replace(v, planes=(replace(v.planes[0], residuals=2.5 * v.planes[0].residuals),)),
+     "validation_contacts"),
+    (lambda v: replace(v, distances=tuple(replace(d, error=5 * d.error) for d in v.distances)),
+     "validation_distances"),
+    (lambda v: replace(v, distances=tuple(replace(d, error=d.error + 30e-6) for d in v.distances)),
+     "mean_distance_error"),
+])  # fmt: skip
 def test_what_was_not_predicted_fails_its_test_and_widens(spoil, test):
     v = checked(np.random.default_rng(1))
     assert acceptance(SOUND, v).explains
@@ -139,8 +133,7 @@ def test_nothing_to_verify_with_is_said():
 @pytest.fixture(scope="module")
 def session(cube):
     session = cube(seed=6, count=300).dataset
-    role = np.where(np.arange(300) % 5 == 4, "validate", "calibrate")
-    return with_columns(session, role=role)
+    return with_columns(session, role=np.where(np.arange(300) % 5 == 4, "validate", "calibrate"))
 
 
 @pytest.fixture(scope="module")
@@ -158,9 +151,10 @@ def some_groups(count=60):
     """Four kinds of groups of a third of the rows, that overlap within a kind."""
     rng = np.random.default_rng(0)
     orders = [rng.permutation(count) for _ in range(4)]
+    twice = [np.resize(order, 2 * count) for order in orders]
     return [
-        Group(f"kind {k}", f"group {i}", np.sort(np.resize(order, 2 * count)[10 * i : 10 * i + 20]))
-        for k, order in enumerate(orders)
+        Group(f"kind {k}", f"group {i}", np.sort(rows[10 * i : 10 * i + 20]))
+        for k, rows in enumerate(twice)
         for i in range(6)
     ]
 
@@ -373,9 +367,7 @@ def of_diameters(dataset: Dataset, factor: float, name: str = "") -> Dataset:
 
 
 def of_lengths(dataset: Dataset, factor: float) -> Dataset:
-    longer = (
-        c if c.distance is None else replace(c, distance=factor * c.distance) for c in dataset.certificates
-    )
+    longer = (replace(c, distance=c.distance and factor * c.distance) for c in dataset.certificates)
     return replace(dataset, certificates=tuple(longer))
 
 
@@ -390,12 +382,9 @@ MISTAKES = {
     "mass centre": (of_tools, ("centre_of_mass", 25.4), f"`ball` {LOOKS} multiplied by 25.4 once too often"),
     "mass centre in inches": (of_tools, ("centre_of_mass", 1 / 25.4), f"`ball` {LOOKS} in inches"),
     "certificates": (of_lengths, (1.01,), "the certified lengths together look too long by a factor of 1.0"),
-    "short certificates": (
-        of_lengths,
-        (0.99,),
-        "the certified lengths together look too short by a factor of 1.0",
-    ),
-}
+    "short certificates": (of_lengths, (0.99,),
+                           "the certified lengths together look too short by a factor of 1.0"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MISTAKES)
@@ -443,8 +432,7 @@ def test_no_false_alarm(name):
 
 
 def test_a_fit_that_fails_names_it(good):
-    result = bc.fit(of_tools(good, "ball_radius", 2.0), samples=0)
-    assert result.data.findings[0].code == "gross_mistake"
+    assert bc.fit(of_tools(good, "ball_radius", 2.0), samples=0).data.findings[0].code == "gross_mistake"
 
 
 @pytest.mark.parametrize(("count", "shortest"), [(96, 6), (100, 7), (40, 20)])

@@ -12,8 +12,7 @@ from bayescal.assess.images import blurred, displaced, lost_images
 from bayescal.effects import Circumstances
 from bayescal.estimate import estimate
 from bayescal.gap.search.cells import of_points
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 
 
 def fitted(monkeypatch, board, seed=5, spoilt=()):

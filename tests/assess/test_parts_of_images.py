@@ -9,8 +9,7 @@ from scipy.optimize import least_squares
 
 from bayescal.assess.images import images, side
 from bayescal.estimate import estimate
-from bayescal.model import ARM, build
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, Scene, build
 from bayescal.reporting.origin import images_keys, images_lines, images_record, images_sheet
 
 ZEROS = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
@@ -58,9 +57,8 @@ def test_the_arm_is_at_fault_and_the_noise_is_that_of_the_session(found):
     assert of.corners == 12 * 24 - len(found.rejected)
     assert of.noise == pytest.approx(0.2, rel=0.1)
     twice = replace(found.weights, scale={group: 2.0 * k for group, k in found.weights.scale.items()})
-    assert next(images(replace(found, weights=twice))).noise == pytest.approx(
-        2.0 * of.noise
-    )  # as it is fitted
+    # as it is fitted
+    assert next(images(replace(found, weights=twice))).noise == pytest.approx(2.0 * of.noise)
     # the uncertainty of a part is its scatter
     rng, scatter = np.random.default_rng(1), {p.side: [] for p in of.parts}
     for z in rng.multivariate_normal(found.z, found.covariance, 60):

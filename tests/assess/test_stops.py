@@ -7,8 +7,7 @@ from sessions import with_columns
 
 from bayescal.assess.shared_causes import Group, shared, shared_causes
 from bayescal.estimate import estimate
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 
 IMAGES, CORNERS = 40, 24
 
@@ -35,8 +34,7 @@ def test_corners_of_one_image_share_no_cause(session):
 
 
 def test_corners_of_many_images_share_one_and_a_slip_is_before_an_image(session):
-    found = blurred(session, range(34, IMAGES))
-    causes = {c.kind: c for c in shared_causes(found)}
+    causes = {c.kind: c for c in shared_causes(blurred(session, range(34, IMAGES)))}
     for cause in causes.values():
         assert len(np.unique(cause.rows // CORNERS)) >= 3
     assert "from row i34c0 on" in causes["slip"].label

@@ -29,8 +29,7 @@ from bayescal.estimate.unexplained import repeat_scatter
 from bayescal.fitted.gate import _left_of_prior, of_fit
 from bayescal.gap.diagnose import diagnose
 from bayescal.methods import compare
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import FitOptions, Scene
 from bayescal.predict.forecast import SMALLEST, elsewhere, joint_range, point_slopes
 from bayescal.reporting.comparison import _held
 from bayescal.reporting.fit.files import budget_table, measurand_record
@@ -48,8 +47,7 @@ FULL_RANGE = "in poses over most of the range of"
 def on_faces(session, *faces):
     names = np.array([t.name for t in session.targets])[session.measurements.target]
     used = with_rows(session, np.flatnonzero(np.isin(names, faces)))
-    stated = tuple(c for c in session.certificates if set(c.targets) <= set(faces))
-    return replace(used, certificates=stated)
+    return replace(used, certificates=tuple(c for c in session.certificates if set(c.targets) <= set(faces)))
 
 
 def tracked(tracker, readings, centre=(0.06, 0.0, 0.12)):
@@ -60,17 +58,15 @@ def tracked(tracker, readings, centre=(0.06, 0.0, 0.12)):
     arm = NominalArm(session.robot, tool.centre)
     target = Target("tracker", "instrument", {"xyz": np.zeros(3), "rpy": np.zeros(3)})
     noise = 1e-5 * np.random.default_rng(1).standard_normal((len(readings), 3))
-    table = replace(
-        session.measurements, readings=readings, xyz=arm.ball(arm.frames(readings)) + noise, payload=None
-    )
+    xyz = arm.ball(arm.frames(readings)) + noise
+    table = replace(session.measurements, readings=readings, xyz=xyz, payload=None)
     return replace(session, targets=(target,), measurements=table)
 
 
 def one_pose(cube):
     session = on_faces(cube(seed=3, count=150).dataset, "cube.+z")
     m = session.measurements
-    same = np.repeat(m.readings[:1], len(m.ids), axis=0)
-    return with_columns(session, readings=same, payload=None)
+    return with_columns(session, readings=np.repeat(m.readings[:1], len(m.ids), axis=0), payload=None)
 
 
 def random_readings(lrmate, count=80):
@@ -209,8 +205,7 @@ def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
 def test_an_arm_of_one_pose_is_not_exported(cube):
     """Its distances kept 'nan %' of the uncertainty of the priors."""
     found = calibrated(Scene(one_pose(cube)), FULL)
-    left = _left_of_prior(found, found.covariance)
-    assert left == 1.0
+    assert _left_of_prior(found, found.covariance) == 1.0
 
 
 @pytest.fixture(scope="module")
@@ -229,8 +224,7 @@ def test_a_budget_that_priors_decide_says_so(twelve, cube):
     told = {}
     for name, found in {"few": twelve, "many": fit(cube(seed=3, count=150).dataset, FULL, samples=0)}.items():
         of = budget(found.basis, parameter(found.basis, "a2"))
-        text = terminal_text(budget_table(of), 150)
-        told[name] = of.prior_share, "not determined" in text
+        told[name] = of.prior_share, "not determined" in terminal_text(budget_table(of), 150)
         assert measurand_record(of)["prior_share"] == of.prior_share
     assert told["few"][0] > 0.5 > told["many"][0]
     assert (told["few"][1], told["many"][1]) == (True, False)
@@ -240,8 +234,7 @@ def test_a_budget_that_priors_decide_says_so(twelve, cube):
 def test_a_tiny_stated_noise_is_no_sign_of_a_wrong_file(cube, noise, wild):
     """'residuals of 0.0 mm, far more than any small error of an arm', of 1 µm at a stated noise of 1 nm."""
     session = cube(seed=3, count=120, noise=noise, stated=1e-9 if not wild else 5e-6).dataset
-    found = fit(session, FULL, samples=0)
-    assert ("wrong_files" in {f.code for f in found.findings}) == wild
+    assert ("wrong_files" in {f.code for f in fit(session, FULL, samples=0).findings}) == wild
 
 
 # --- Sessions with little in them: known targets, repeats without scatter, few contacts or none.
@@ -256,15 +249,13 @@ def with_targets(session, **known):
 def first(session, count):
     """The session with only its first rows to calibrate."""
     m = session.measurements
-    order = np.cumsum(m.role == "calibrate")
-    role = np.where((m.role == "calibrate") & (order > count), "validate", m.role)
+    role = np.where((m.role == "calibrate") & (np.cumsum(m.role == "calibrate") > count), "validate", m.role)
     return with_columns(session, role=role)
 
 
 def test_targets_may_be_known(cube):
     """`u_mm: 0` of the contract; with all planes known the nominal model has no unknown at all."""
-    simulated = cube(seed=2, count=80)
-    found = fit(with_targets(simulated.dataset, u=0.0, u_angle=0.0), ("geometry",), samples=0)
+    found = fit(with_targets(cube(seed=2, count=80).dataset, u=0.0, u_angle=0.0), ("geometry",), samples=0)
     assert np.all(np.isfinite(found.final.estimate.sd))
     nominal, last = (level.unexplained.fitted for level in (found.levels[0], found.levels[-1]))
     assert last < nominal
@@ -334,25 +325,18 @@ D2, D3 = (parameter_of(name, "m", 1e-4) for name in ("d2", "d3"))
 THETA4, A4 = parameter_of("theta4", "rad", 1e-3), parameter_of("a4", "m", 2e-4)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "free", "size", "words"),
-    [
-        ((D2, D3), (1, -1), 0.0, "only the combination d2 + d3 is identifiable"),
-        ((D2, D3), (1, 1), 0.0, "only the combination d2 - d3 is identifiable"),
-        # equal loadings, but of unequal priors: no sum of the two is identifiable
-        ((D2, replace(D3, sd=2e-4)), (1, -1), 0.0, "only the combination d2 + 0.5 d3 is identifiable"),
-        ((THETA4, A4), (1, 1), 0.0, "only the combination a4 - 3.5 mm/deg theta4 is identifiable"),
-        ((D2, D3), (1, -1), 0.7, "the combination d2 + d3 is identifiable, d2 and d3 singly weakly"),
-        ((D2, D3), (1, 0), 0.0, "d2 is not identifiable"),
-        ((D2, D3), (0, 1), 0.9, "d3 is weakly identifiable"),
-        (
-            (D2, D3, A4),
-            (1, -1, 1),
-            0.0,
-            "a common change of d2 by +0.058 mm, d3 by -0.058 mm and a4 by +0.12 mm is not identifiable",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("parameters", "free", "size", "words"), [
+    ((D2, D3), (1, -1), 0.0, "only the combination d2 + d3 is identifiable"),
+    ((D2, D3), (1, 1), 0.0, "only the combination d2 - d3 is identifiable"),
+    # equal loadings, but of unequal priors: no sum of the two is identifiable
+    ((D2, replace(D3, sd=2e-4)), (1, -1), 0.0, "only the combination d2 + 0.5 d3 is identifiable"),
+    ((THETA4, A4), (1, 1), 0.0, "only the combination a4 - 3.5 mm/deg theta4 is identifiable"),
+    ((D2, D3), (1, -1), 0.7, "the combination d2 + d3 is identifiable, d2 and d3 singly weakly"),
+    ((D2, D3), (1, 0), 0.0, "d2 is not identifiable"),
+    ((D2, D3), (0, 1), 0.9, "d3 is weakly identifiable"),
+    ((D2, D3, A4), (1, -1, 1), 0.0,
+     "a common change of d2 by +0.058 mm, d3 by -0.058 mm and a4 by +0.12 mm is not identifiable"),
+])  # fmt: skip
 def test_a_weak_direction_in_its_units(parameters, free, size, words):
     v = np.array(free) / np.linalg.norm(free)
     assert _words(parameters, v, size, v[:, None]) == words
@@ -394,9 +378,7 @@ def folders(tmp_path_factory):
 
 
 def run(*arguments):
-    return CliRunner().invoke(
-        app, [str(a) for a in arguments], env={"COLUMNS": "120"}, catch_exceptions=False
-    )
+    return CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "120"}, catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -411,13 +393,11 @@ def test_record_names_every_session(folders, together):
     _, record, out = together
     assert record["dataset"]["name"] == "may + june"
     sessions = record["dataset"]["sessions"]
-    assert [(s["name"], s["sha256"]) for s in sessions] == [
-        (name, read_dataset(folders / name).sha256) for name in ("may", "june")
-    ]
+    expected = [(name, read_dataset(folders / name).sha256) for name in ("may", "june")]
+    assert [(s["name"], s["sha256"]) for s in sessions] == expected
     assert len({record["dataset"]["sha256"], *(s["sha256"] for s in sessions)}) == 3
     assert {p.name for p in out.iterdir()} >= {"fit.json", "posterior.nc", "robot.yaml"}
-    planes = {p["target"].partition(":")[0] for p in record["validation"]["planes"]}
-    assert planes == {"may", "june"}
+    assert {p["target"].partition(":")[0] for p in record["validation"]["planes"]} == {"may", "june"}
 
 
 def test_record_and_table_tell_how_the_sessions_agree(together):
@@ -443,8 +423,7 @@ def test_sessions_of_two_arms_are_flagged(folders):
 
 def test_another_drawing_is_refused_and_nothing_written(folders, tmp_path):
     june = read_dataset(folders / "june")
-    longer = replace(june, robot=replace(june.robot, d=june.robot.d + 1e-3))
-    write_dataset(longer, tmp_path / "longer")
+    write_dataset(replace(june, robot=replace(june.robot, d=june.robot.d + 1e-3)), tmp_path / "longer")
     with pytest.raises(BayescalError, match=r"not the robot of may: d of J1 0\.001, not 0"):
         run("fit", folders / "may", tmp_path / "longer", *QUICK, "--out", tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -30,9 +30,7 @@ from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.examine import Baseline, Examined, examine
 from bayescal.gap.search.refit import refit
-from bayescal.model import ARM, build, check_asked
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, FitOptions, Scene, build, check_asked
 from bayescal.posterior.inference import load
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.fit.summary import fit_summary
@@ -78,8 +76,7 @@ def test_command_writes_the_contract(written):
     assert record["schema"] == "bayescal-fit/1"
     assert record["model"] == list(FULL)
     for p in record["parameters"]:
-        needed = "name unit nominal estimate sd prior_sd contraction interval95"
-        assert set(needed.split()) <= set(p)
+        assert {"name", "unit", "nominal", "estimate", "sd", "prior_sd", "contraction"} <= p.keys()
         assert p["interval95"][0] <= p["estimate"] + p["sd"]
         assert p["sd"] <= 1.1 * p["prior_sd"]
     assert record["sampler"]["ess"]["min"] >= 600
@@ -98,15 +95,12 @@ def test_distances_come_down_to_the_noise_and_parameters_agree_with_the_truth(wr
         assert d["inside95"] == (low <= d["calibrated_error_um"] <= high)
         assert low < 0 < high
     # The simulated truth that came with the dataset, which the command never opened
-    truth = json.loads((EXAMPLE / "truth.json").read_text())
-    true = {p["name"]: p for p in truth["parameters"]}
+    true = {p["name"]: p for p in json.loads((EXAMPLE / "truth.json").read_text())["parameters"]}
     scores = []
     for p in record["parameters"]:
         if p["name"] in true and p["effect"] != "target" and p["contraction"] > 0.9:
             key = next(k for k in true[p["name"]] if k.startswith("value"))
-            factor = 1.0
-            value = true[p["name"]][key] * factor
-            scores.append((p["estimate"] - value) / p["sd"])
+            scores.append((p["estimate"] - true[p["name"]][key]) / p["sd"])
     assert len(scores) > 20
     assert np.max(np.abs(scores)) < 4.5
 
@@ -142,8 +136,7 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
 
 def test_summary_reads_in_ten_seconds(written):
     _, out, record = written
-    lines = out.splitlines()
-    assert lines[1].split() == ["verdict", *EXPLAINED.split()]
+    assert out.splitlines()[1].split() == ["verdict", *EXPLAINED.split()]
     for words in ("distance error", "µm RMS, maximum", "U = ", "next", "parameter", "weakly"):
         assert words in out
     shown = re.search(r"^a2 +300\.\d+ +(\d+\.\d+)\((\d\d)\) +mm", out, re.MULTILINE)
@@ -153,36 +146,28 @@ def test_summary_reads_in_ten_seconds(written):
     assert int(shown[2]) == pytest.approx(a2["sd"] * 10.0**decimals, abs=0.6)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere"], "no such folder"),
-        ([str(EXAMPLE), "--model", "geometry,elasticity"], "no effect is called `elasticity`"),
-        ([str(EXAMPLE), "--model", "geometry@3"], "--model geometry@3: geometry has no setting"),
-        ([str(EXAMPLE), "--model", "geometry,step@x"], "--model step@x: 'x' is not a number"),
-        ([str(EXAMPLE), "--model", "nonsense@1"], "no effect is called `nonsense`"),
-        ([str(EXAMPLE), "--model", "hysteresis@0.02,hysteresis@0.06"], "an effect is named twice"),
-        ([str(EXAMPLE), "--model", "geometry,gear-mesh"], "no reductions in the robot file"),
-        ([str(EXAMPLE), "--prior-width", "0"], "without priors"),
-        ([str(EXAMPLE), "--latent-joints"], "joint_deg"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, words, tmp_path, command, monkeypatch):
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["nowhere"], "no such folder"),
+    ([str(EXAMPLE), "--model", "geometry,elasticity"], "no effect is called `elasticity`"),
+    ([str(EXAMPLE), "--model", "geometry@3"], "--model geometry@3: geometry has no setting"),
+    ([str(EXAMPLE), "--model", "geometry,step@x"], "--model step@x: 'x' is not a number"),
+    ([str(EXAMPLE), "--model", "nonsense@1"], "no effect is called `nonsense`"),
+    ([str(EXAMPLE), "--model", "hysteresis@0.02,hysteresis@0.06"], "an effect is named twice"),
+    ([str(EXAMPLE), "--model", "geometry,gear-mesh"], "no reductions in the robot file"),
+    ([str(EXAMPLE), "--prior-width", "0"], "without priors"),
+    ([str(EXAMPLE), "--latent-joints"], "joint_deg"),
+])  # fmt: skip
+def test_bad_input_is_one_line(arguments, words, tmp_path, error_of, monkeypatch):
     """What is wrong in a model is said before any level is fitted."""
     if "--model" in arguments:
         monkeypatch.setattr("bayescal.calibration.fitted_level", lambda *_: pytest.fail("a level was fitted"))
-    code, _, errors = command("fit", *arguments, "--samples", "0", "--out", tmp_path / "out")
-    assert code == 1
-    assert words in errors
-    assert len(errors.strip().splitlines()) == 1
+    assert words in error_of("fit", *arguments, "--samples", "0", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_foreign_folder_is_left_alone(tmp_path, command):
+def test_foreign_folder_is_left_alone(tmp_path, error_of):
     (tmp_path / "thesis.txt").write_text("mine")
-    code, _, errors = command("fit", EXAMPLE, "--samples", "0", "--out", tmp_path)
-    assert code == 1
-    assert "thesis.txt" in errors
+    assert "thesis.txt" in error_of("fit", EXAMPLE, "--samples", "0", "--out", tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
@@ -194,8 +179,7 @@ def test_no_known_length_is_refused(cube):
 
 def test_latent_readings_agree_with_folded_in_noise(cube):
     """Readings as variables of the graph and readings' noise through the Jacobian: one answer."""
-    session = cube(seed=3, count=60, joint=np.radians(1e-3)).dataset
-    folded = estimate(build(Scene(session), FULL))
+    folded = estimate(build(Scene(cube(seed=3, count=60, joint=np.radians(1e-3)).dataset), FULL))
     latent = with_latent_readings(folded)
     assert np.max(np.abs(latent.z - folded.z) / folded.sd) < 0.02
     np.testing.assert_allclose(latent.sd, folded.sd, rtol=0.01)
@@ -212,16 +196,13 @@ def test_a_fit_short_of_its_optimum_is_refused_and_what_it_lacks_has_words(cube)
     known = identifiability(found)
     assert "only the combination d2 + d3 is identifiable" in [d.words for d in known.weak]
     assert {"a2", "theta3", "ball x"} <= set(known.determined)
-    information = np.linalg.inv(found.covariance)
-    assert known.singular_values[0] ** 2 <= np.linalg.eigvalsh(information)[-1]
+    assert known.singular_values[0] ** 2 <= np.linalg.eigvalsh(np.linalg.inv(found.covariance))[-1]
 
 
 def test_a_bulging_face_is_seen_and_fitted(cube):
     clean = cube(seed=6, count=200).dataset
-    flat = check_faces(estimate(build(Scene(clean), FULL)))
-    assert not any(f.uneven for f in flat)
-    session = bulging(clean, 60e-6)
-    found = estimate(build(Scene(session), FULL))
+    assert not any(f.uneven for f in check_faces(estimate(build(Scene(clean), FULL))))
+    found = estimate(build(Scene(bulging(clean, 60e-6)), FULL))
     checks = {f.target: f for f in check_faces(found)}
     assert checks["cube.+y"].uneven
     better = with_uneven_faces(found, [checks["cube.+y"]])
@@ -243,8 +224,7 @@ def test_refits_of_a_diagnosis_are_completed_as_a_fit(cube, monkeypatch):
         assert same.model.effects == found.model.effects
         assert same.z == pytest.approx(found.z, abs=1e-4)
     assert refit(e.fitted, e.candidates, [], e.options, flat=True).z == pytest.approx(e.fitted.z, abs=1e-4)
-    formed = completed(e.fitted)
-    assert [f.target for f in formed.faces if f.uneven] == ["cube.+y"]
+    assert [f.target for f in completed(e.fitted).faces if f.uneven] == ["cube.+y"]
     assert completed(e.fitted, flat=True).fitted.model.effects == FULL
 
 
@@ -252,18 +232,15 @@ def test_a_plane_without_a_certificate_may_be_a_table(cube):
     """Its form has the prior of a table, and that of a face of an artefact the prior of granite."""
     session = cube(seed=6, count=60).dataset
     bare = replace(session, certificates=())
-    sds = [
-        {p.name: p.sd for p in build(Scene(d), (*FULL, "plane-form")).parameters if p.effect == "plane-form"}
-        for d in (session, bare)
-    ]
+    parameters = (build(Scene(d), (*FULL, "plane-form")).parameters for d in (session, bare))
+    sds = [{p.name: p.sd for p in own if p.effect == "plane-form"} for own in parameters]
     assert all(sds[1][name] == pytest.approx(sd * TABLE / GRANITE) for name, sd in sds[0].items())
 
 
 def test_certified_flatness_keeps_the_form_small(cube):
     session = cube(seed=6, count=120).dataset
-    certified = replace(
-        session, certificates=(*session.certificates, Certificate("flat", ("cube.-x",), u_form=1e-6))
-    )
+    flat = Certificate("flat", ("cube.-x",), u_form=1e-6)
+    certified = replace(session, certificates=(*session.certificates, flat))
     model = build(Scene(certified), (*FULL, "plane-form"))
     form = {p.name: p.sd for p in model.parameters if p.effect == "plane-form"}
     assert len(form) == 4 * 12
@@ -286,8 +263,7 @@ def test_excess_over_repeats_is_told(cube):
     assert left.repeats is not None
     assert left.repeats < 12e-6
     assert left.excess > 2 * left.repeats
-    clean = unexplained(estimate(build(Scene(session), FULL)))
-    assert clean.excess == 0.0
+    assert unexplained(estimate(build(Scene(session), FULL))).excess == 0.0
 
 
 @foreign.needs()
@@ -313,24 +289,12 @@ def split(cube):
     return validating(cube(seed=11, count=160).dataset, 4)
 
 
-@pytest.fixture(scope="module")
-def misread(cube):
-    """A nominal arm with errors of the joint readings alone: zeros and scales."""
-    dataset = cube(seed=12, count=280, spread=0.0).dataset
-    rows, coupling = dataset.measurements, dataset.robot.link_from_reading
-    links = rows.readings @ coupling.T - ZEROS
-    readings = links @ np.linalg.inv(coupling).T / (1.0 + SCALES)
-    return with_columns(dataset, readings=readings)
-
-
 def test_every_level_reduces_validation_errors(split):
     """Nominal, joint offsets, geometry, compliance."""
     result = fit(split, FULL, samples=0)
     assert [r.effects for r in result.levels] == [("nominal",), ("joint",), ("geometry",), FULL]
-    rms = [
-        np.sqrt(np.mean(np.concatenate([p.residuals for p in r.validation.planes]) ** 2))
-        for r in result.levels
-    ]
+    residuals = [np.concatenate([p.residuals for p in r.validation.planes]) for r in result.levels]
+    rms = [np.sqrt(np.mean(r**2)) for r in residuals]
     assert rms[0] > 1.5 * rms[1] > 3 * rms[2] > 3 * rms[3]
     assert rms[3] < 10e-6
 
@@ -340,8 +304,13 @@ def test_a_model_without_geometry_has_no_level_of_joints(split):
     assert [r.effects for r in fit(split, ("joint",), samples=0).levels] == [("nominal",), ("joint",)]
 
 
-def test_zeros_and_scales_are_found(misread):
+def test_zeros_and_scales_are_found(cube):
     """The first level estimates them, and the robot file contains them."""
+    # a nominal arm with errors of the joint readings alone: zeros and scales
+    dataset = cube(seed=12, count=280, spread=0.0).dataset
+    rows, coupling = dataset.measurements, dataset.robot.link_from_reading
+    links = rows.readings @ coupling.T - ZEROS
+    misread = with_columns(dataset, readings=links @ np.linalg.inv(coupling).T / (1.0 + SCALES))
     found = calibrated(Scene(misread), ("joint", "compliance"))
     model = found.model
     names = dict(zip(model.names, zip(model.physical(found.z), found.sd, strict=True), strict=True))
@@ -364,14 +333,11 @@ def test_zeros_and_scales_are_found(misread):
     np.testing.assert_allclose(p, model.motion(rows).points(values).T, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("effects", "whole"),
-    [
-        (("joint", "geometry"), ("geometry", "encoder-scale")),
-        (("geometry", "joint"), ("geometry", "encoder-scale")),
-        (("encoder-scale", "joint"), ("joint",)),
-    ],
-)
+@pytest.mark.parametrize(("effects", "whole"), [
+    (("joint", "geometry"), ("geometry", "encoder-scale")),
+    (("geometry", "joint"), ("geometry", "encoder-scale")),
+    (("encoder-scale", "joint"), ("joint",)),
+])  # fmt: skip
 def test_a_parameter_of_two_effects_is_in_the_model_once(split, effects, whole):
     """Twice it would have twice the variance, and which of the two a fit means would be open."""
     check_asked(effects, 1.0)
@@ -382,8 +348,7 @@ def test_a_parameter_of_two_effects_is_in_the_model_once(split, effects, whole):
 
 def test_gap_takes_the_first_level(cube):
     """Joint offsets leave the errors of the geometry; the level itself is no cause to name."""
-    session = plain(validating(cube(seed=11, count=60).dataset, 4))
-    found = diagnose(session, ("joint", "compliance"))
+    found = diagnose(plain(validating(cube(seed=11, count=60).dataset, 4)), ("joint", "compliance"))
     assert found.baseline == ("joint", "compliance")
     assert "encoder-scale" not in {*found.verdict.probability, *found.verdict.missing}
     check_asked(found.refit, 1.0)
@@ -446,9 +411,7 @@ def test_every_parameter_of_the_arm_has_its_uncertainty(fits):
     found = fits["faces"]
     text = printed(found, 80)
     for name in found.final.estimate.model.names[: len(found.final.estimate.model.parameters)]:
-        assert re.search(
-            rf"^{re.escape(name)} +-?\d+(\.\d+)? +-?\d+(\.\d+)?\(\d+(\.\d+)?\) ", text, re.MULTILINE
-        )
+        assert re.search(rf"^{re.escape(name)} +-?\d+(\.\d+)? +-?\d+(\.\d+)?\(\d+(\.\d+)?\) ", text, re.M)
 
 
 def test_a_simpler_level_is_the_fit_with_its_model_alone(tracker):

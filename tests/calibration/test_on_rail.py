@@ -52,8 +52,7 @@ def test_the_nominal_arm_on_a_straight_rail(made, folder):
     level = rail.Rail((STILL,) * 2, (STILL,) * 3, 0.0, np.zeros(2), np.zeros(3))
     dataset = read_dataset(folder)
     readings = dataset.measurements.readings[:20]
-    still = replace(made, body=body, rail=level)
-    read = still.reads(readings[:, 0], readings[:, 1:])
+    read = replace(made, body=body, rail=level).reads(readings[:, 0], readings[:, 1:])
     ours = points(chain_of(dataset.robot), link_angles(dataset.robot, readings), dataset.tools[0].centre)
     np.testing.assert_allclose(made.at.read(ours), read, atol=1e-12)
 
@@ -61,8 +60,7 @@ def test_the_nominal_arm_on_a_straight_rail(made, folder):
 def test_a_session_is_written_as_it_was_read(folder, tmp_path):
     dataset = read_dataset(folder)
     write_dataset(dataset, tmp_path / "again")
-    header = (tmp_path / "again" / "measurements.csv").read_text().splitlines()[0]
-    assert ",j1_mm,j2_deg," in header
+    assert ",j1_mm,j2_deg," in (tmp_path / "again" / "measurements.csv").read_text().splitlines()[0]
     again = read_dataset(tmp_path / "again")
     np.testing.assert_allclose(again.measurements.readings, dataset.measurements.readings, atol=1e-12)
     np.testing.assert_array_equal(again.robot.slides, dataset.robot.slides)
@@ -113,9 +111,8 @@ def test_corrected_readings_bring_the_true_arm_to_its_targets(made, arm, tmp_pat
     def off(read):
         """Errors of distances: where the frame of the base is, no session says."""
         one, other = np.triu_indices(len(read), 1)
-        return np.linalg.norm(read[one] - read[other], axis=1) - np.linalg.norm(
-            goals[one] - goals[other], axis=1
-        )
+        seen, meant = (np.linalg.norm(x[one] - x[other], axis=1) for x in (read, goals))
+        return seen - meant
 
     u = float(np.median([t.u for t in out.corrected]))
     assert np.sqrt(np.mean(off(before) ** 2)) > 5e-4
@@ -177,8 +174,7 @@ def test_straightness_is_found_within_its_u(made, arm):
 
 def test_other_files_hold_prismatic_joints_or_refuse(arm):
     assert '<joint name="RAIL" type="prismatic">' in export(arm, "sdf").written.content
-    text = export(arm, "robot.yaml").written.content
-    assert "{name: RAIL, type: prismatic, " in text
+    assert "{name: RAIL, type: prismatic, " in export(arm, "robot.yaml").written.content
     stage = export(arm, "usd").written.content
     assert "PhysicsPrismaticJoint" in stage
     assert "upperLimit = 3\n" in stage

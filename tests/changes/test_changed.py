@@ -20,8 +20,7 @@ from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
 from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import BASE, PLACEMENT
-from bayescal.model import standing, with_parameters
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, standing, with_parameters
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
 from bayescal.reporting.changed import (
@@ -131,9 +130,10 @@ def test_two_sessions_in_the_other_order_have_the_same_changes_reversed(monkeypa
     monkeypatch.setattr(changes, "evidence", once(changes.evidence, lambda joint: joint.names))
     monkeypatch.setattr(changes.search, "search", once(changes.search.search, lambda e: e.joint.names))
     arm = {**ARM, "contacts": 50, "seed": 5}
+    made = {"new": "geometry", "worn": "geometry, backlash"}
     new, worn = (
-        rows_of(bc.simulate(**{**arm, "effects": effects}).dataset, np.arange(54), name)
-        for name, effects in (("new", "geometry"), ("worn", "geometry, backlash"))
+        rows_of(bc.simulate(**arm | {"effects": of}).dataset, np.arange(54), name)
+        for name, of in made.items()
     )
     way = Target("t:2", readings=new.measurements.readings[0], velocity=np.full(6, 0.1), id="way")
     poses = [way, replace(way, velocity=None, id="still")]
@@ -165,8 +165,7 @@ def test_nothing_changed_between_sessions_of_one_arm(sessions):
     found = changed(sessions[:2], ("geometry",))
     assert (found.verdict, found.arm) == ("same", "same")
     assert not stated(found)
-    known = [d for d in found.detectable if d.parameter.name == "theta4"]
-    assert 0 < known[0].value < SHIFT
+    assert 0 < next(d for d in found.detectable if d.parameter.name == "theta4").value < SHIFT
 
 
 def test_model_errors_are_those_that_the_sessions_tell():
@@ -196,16 +195,13 @@ def test_a_session_that_alone_differs_is_found_among_three(sessions):
     found = changed([a, shifted(b), c], ("geometry",))
     assert [(d.item.name, d.sessions) for d in stated(found)] == [("theta4", ("B",))]
     assert found.distances is None  # the last session has the zero of the first
-    of_three = SimpleNamespace(
-        joint=SimpleNamespace(sessions="ABC", items=[SimpleNamespace(name="x")], scattered=())
-    )
-    assert {m.sessions for m in options(of_three)} == {(1, 2), (2,), (0,), (1,)}
+    of_joint = SimpleNamespace(sessions="ABC", items=[SimpleNamespace(name="x")], scattered=())
+    assert {m.sessions for m in options(SimpleNamespace(joint=of_joint))} == {(1, 2), (2,), (0,), (1,)}
     assert Member(0, (0,)).weights(3).tolist() == [-1, -1]
 
 
 def test_a_cube_that_was_placed_anew_is_not_a_change_of_the_arm(sessions):
-    other = bc.simulate(name="B", contacts=60, seed=6, **ARM).dataset
-    found = changed([sessions[0], other], ("geometry",))
+    found = changed([sessions[0], bc.simulate(name="B", contacts=60, seed=6, **ARM).dataset], ("geometry",))
     assert (found.verdict, found.arm) == ("changed", "same")
     assert {d.item.name for d in stated(found)} == {"base"}
 
@@ -256,8 +252,7 @@ def test_ids_of_a_table_name_its_poses_and_columns_without_use_are_said(crashed,
 def test_the_result_as_text_page_and_table(crashed, tmp_path):
     result = ChangedResult(crashed)
     assert str(result).splitlines()[2].startswith("Changed from B on: zero of joint 4 (theta4) by")
-    names = result.save(tmp_path / "run")
-    assert names == ("changed.json", "changed.html", "changed.csv")
+    assert result.save(tmp_path / "run") == ("changed.json", "changed.html", "changed.csv")
     assert "zero of joint 4" in (tmp_path / "run" / "changed.html").read_text()
     assert (tmp_path / "run" / "changed.csv").read_text().splitlines()[1].startswith("theta4,theta4,geometry")
     record = result.record
@@ -283,10 +278,8 @@ IN_UNITS = {
 
 
 def test_every_number_of_changes_is_in_their_record_and_in_their_table(crashed):
-    fields = {
-        "differences": ("before", "after", "difference", "u", "probability"),
-        "detectable": ("value", "tcp"),
-    }
+    fields = {"differences": ("before", "after", "difference", "u", "probability")}
+    fields["detectable"] = ("value", "tcp")
 
     def record(given):
         parts = {
@@ -318,24 +311,14 @@ def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", 
 
 
 def said(verdict, items, arm="same", same=0.0):
-    return words(
-        {
-            "verdict": verdict,
-            "arm": arm,
-            "probability": {"same": same, "arm_same": 1.0},
-            "items": items,
-            "distances": None,
-            "sessions": ["before", "after"],
-            "detectable": [],
-            "model": ["geometry"],
-        }
-    )
+    usual = {"distances": None, "sessions": ["before", "after"], "detectable": [], "model": ["geometry"]}
+    probability = {"same": same, "arm_same": 1.0}
+    return words(usual | {"verdict": verdict, "arm": arm, "probability": probability, "items": items})
 
 
 def test_the_words_of_a_verdict():
-    assert said("same", [], same=0.9) == [
-        "No change was found. That nothing changed has a probability of 90 %."
-    ]
+    words = "No change was found. That nothing changed has a probability of 90 %."
+    assert said("same", [], same=0.9) == [words]
     pair = ("theta3", "a3")
     both = [entry(name, p, True, pair) for name, p in zip(pair, (0.6, 0.39), strict=True)]
     (told,) = said("changed", both, arm="changed")
@@ -391,21 +374,17 @@ def test_the_expanded_uncertainty_of_a_displacement_is_that_of_its_vector():
 def test_the_tool_of_one_session_alone_has_no_change(sessions):
     """A tool that was remounted is measured in one session: there is nothing to compare it with."""
     a, b, _ = sessions
-    result = changed([a, b], ("geometry",), remounted=True)
-    effects = {d.item.effect for d in result.detectable}
+    effects = {d.item.effect for d in changed([a, b], ("geometry",), remounted=True).detectable}
     assert "geometry" in effects
     assert "tool" not in effects
 
 
-@pytest.mark.parametrize(
-    ("value", "u", "text"),
-    [
-        (1.1009, 0.0075, "+1101 ± 15 µm"),
-        (0.0387, 0.001, "+38.7 ± 2.0 µm"),
-        (-2.0, 0.08, "-2000 ± 160 µm"),
-        (0.00001, 0.001, "0.0 ± 2.0 µm"),
-    ],
-)
+@pytest.mark.parametrize(("value", "u", "text"), [
+    (1.1009, 0.0075, "+1101 ± 15 µm"),
+    (0.0387, 0.001, "+38.7 ± 2.0 µm"),
+    (-2.0, 0.08, "-2000 ± 160 µm"),
+    (0.00001, 0.001, "0.0 ± 2.0 µm"),
+])  # fmt: skip
 def test_a_difference_has_the_decimals_of_its_expanded_uncertainty(value, u, text):
     assert difference({"difference": value, "u": u, "unit": "mm"}) == text
 
@@ -420,7 +399,5 @@ def test_an_arm_far_from_nominal_is_no_change(monkeypatch):
     assert theta3.sd > 3 * 2e-3
     # a change has the stated prior
     assert max(p.sd for p in found.model.parameters if p.effect == "change" and p.unit == "rad") < theta3.sd
-    monkeypatch.setattr(
-        "bayescal.changes.joint.with_widths", lambda found, scene, effects, options: (found, options)
-    )
+    monkeypatch.setattr("bayescal.changes.joint.with_widths", lambda found, _, __, options: (found, options))
     assert max(prepared(parts, model).estimate.weights.scale.values()) > 3

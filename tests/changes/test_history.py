@@ -30,9 +30,8 @@ def test_constants_are_integrated_out_as_by_generalised_least_squares():
     patterns = np.array([[-0.5, -0.1, 0.2, 0.5], [0, 0, 1, 1]])
     g, s = _reduced(told, patterns)
     # measurements R'v = R'(constant + sum of patterns x amplitude) + noise of one
-    design = np.concatenate(
-        [r.T @ np.kron(np.append(1.0, f), np.eye(3)) for r, f in zip(roots, patterns.T, strict=True)]
-    )
+    each = zip(roots, patterns.T, strict=True)
+    design = np.concatenate([r.T @ np.kron(np.append(1.0, f), np.eye(3)) for r, f in each])
     y = np.concatenate([r.T @ v for r, v in zip(roots, values, strict=True)])
     wide = np.eye(12) + design[:, :3] @ design[:, :3].T
     by = design[:, 3:]
@@ -99,16 +98,14 @@ def test_a_step_is_found_in_the_order_of_the_dates(runs, tmp_path):
     assert step["U"] == pytest.approx(2.0 * step["u"])
     assert result.save(tmp_path / "out") == ("history.json", "history.html", "history.csv")
     assert "<svg" in (tmp_path / "out" / "history.html").read_text()
-    assert (
-        str(result).splitlines()[2] == f"1 of {len(record['parameters'])} parameters changed over 3 sessions."
-    )
+    count = len(record["parameters"])
+    assert str(result).splitlines()[2] == f"1 of {count} parameters changed over 3 sessions."
     rows = list(csv.DictReader((tmp_path / "out" / "history.csv").read_text().splitlines()))
     assert len(rows) == 3 * len(record["parameters"])
     for row in rows:
         (p,) = [p for p in record["parameters"] if p["name"] == row["parameter"]]
-        ((run, value),) = [
-            both for both in zip(record["runs"], p["values"], strict=True) if both[0]["folder"] == row["run"]
-        ]
+        pairs = zip(record["runs"], p["values"], strict=True)
+        ((run, value),) = [both for both in pairs if both[0]["folder"] == row["run"]]
         assert (row["unit"], row["date"], float(row["time"])) == (p["unit"], run["date"], run["time"])
         assert (float(row["value"]), float(row["u"])) == pytest.approx((value["value"], value["u"]))
 
@@ -134,8 +131,7 @@ def test_every_number_of_a_history_is_in_its_record_under_its_name(runs):
         r"U$": lambda x: 2.0 * np.concatenate([1e3 * x, np.degrees(x)]),
         r"": lambda x: np.concatenate([1e3 * x, np.degrees(x)]),
     }
-    called = {"times": "time_after_last_run"}
-    check_written(record, given, but="", called=called, units=units)
+    check_written(record, given, but="", called={"times": "time_after_last_run"}, units=units)
 
 
 def test_an_order_is_a_time(runs):
@@ -171,14 +167,8 @@ def test_a_drift_that_the_last_run_does_not_have_is_not_in_the_time_to_the_limit
     kept = [k for k, p in enumerate(arm.model.parameters) if p.name != "theta3"]
     model = replace(arm.model, parameters=tuple(arm.model.parameters[k] for k in kept))
     square = np.ix_(kept, kept)
-    fewer = replace(
-        arm,
-        model=model,
-        values=arm.values[kept],
-        covariance=arm.covariance[square],
-        solved=arm.solved[square],
-    )
-    several = [*entries[:-1], replace(entries[-1], arm=fewer)]
+    parts = {"values": arm.values[kept], "covariance": arm.covariance[square], "solved": arm.solved[square]}
+    several = [*entries[:-1], replace(entries[-1], arm=replace(arm, model=model, **parts))]
     names = [p.name for p in arm.model.parameters]
     monkeypatch.setattr(module, "_read", lambda *_: several)
 
@@ -214,14 +204,12 @@ def test_names_with_numbers_are_in_their_order():
     assert sorted(["run-10", "run-9", "run-1"], key=module._natural) == ["run-1", "run-9", "run-10"]
 
 
-@pytest.mark.parametrize(
-    ("unit", "change", "words"),
-    [("day", TREND, "365(37) µm per year"), ("session", TREND, "1.00(10) µm per session"),
-     ("day", STEP, "1.00(10) µm")],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit", "change", "words"), [
+    ("day", TREND, "365(37) µm per year"), ("session", TREND, "1.00(10) µm per session"),
+    ("day", STEP, "1.00(10) µm"),
+])  # fmt: skip
 def test_a_trend_is_told_per_year_or_session(unit, change, words):
-    p = {"unit": "mm", "change": change, "size": 1e-3, "u": 1e-4}
-    assert size(p, {"time_unit": unit}) == words
+    assert size({"unit": "mm", "change": change, "size": 1e-3, "u": 1e-4}, {"time_unit": unit}) == words
 
 
 def test_a_step_is_drawn_between_two_runs():

@@ -19,15 +19,10 @@ def evidence(x, g, y, variance):
     """Changes (N, 2) beside a family (N, 3) of a variance, of measurements (N,) of unit noise: two items."""
     precision = np.linalg.inv(np.eye(len(y)) + variance * g @ g.T)
     family = Errors(x.T @ precision @ g, g.T @ precision @ g, g.T @ precision @ y, variance)
-    items = [SimpleNamespace(parameters=(None,)) for _ in range(2)]
-    return SimpleNamespace(
-        joint=SimpleNamespace(items=items, sessions=(0, 1)),
-        columns=(0, 1),
-        places=(np.array([[0]]), np.array([[1]])),
-        information=x.T @ precision @ x,
-        score=x.T @ precision @ y,
-        errors=(family,),
-    )
+    joint = SimpleNamespace(items=[SimpleNamespace(parameters=(None,)) for _ in range(2)], sessions=(0, 1))
+    places = (np.array([[0]]), np.array([[1]]))
+    parts = {"information": x.T @ precision @ x, "score": x.T @ precision @ y, "errors": (family,)}
+    return SimpleNamespace(joint=joint, columns=(0, 1), places=places, **parts)
 
 
 @pytest.mark.parametrize("variance", [1e-12, 0.05, 4.0])
@@ -45,12 +40,10 @@ def test_the_covariance_is_that_of_a_mixture_over_variances(variance):
         a = x[:, 0] @ p @ x[:, 0] + FREE**-2
         found = x[:, 0] @ p @ y / a
         whole = wide + FREE**2 * np.outer(x[:, 0], x[:, 0])
-        log = -0.5 * (y @ np.linalg.solve(whole, y) + np.linalg.slogdet(whole)[1])
-        return log, found, 1.0 / a
+        return -0.5 * (y @ np.linalg.solve(whole, y) + np.linalg.slogdet(whole)[1]), found, 1.0 / a
 
-    logs, means, variances = np.array(
-        [given(s) for s in np.geomspace(LEAST, max(1.0, variance), posterior.VALUES)]
-    ).T
+    sizes = np.geomspace(LEAST, max(1.0, variance), posterior.VALUES)
+    logs, means, variances = np.array([given(s) for s in sizes]).T
     weight = np.exp(logs - logs.max()) / np.sum(np.exp(logs - logs.max()))
     _, at_it, least = given(variance)
     assert mean[0] == pytest.approx(at_it, rel=1e-6)

@@ -58,14 +58,12 @@ def test_the_update_of_a_variance_is_zero_where_the_evidence_is_stationary():
 
 
 def test_a_stop_with_several_measurements_makes_its_session_one_with_stops():
-    a = reflectors(0.0, 2, stops=3)
-    m, rows = a.measurements, np.repeat(np.arange(9), 3)
+    m, rows = reflectors(0.0, 2, stops=3).measurements, np.repeat(np.arange(9), 3)
     columns = np.ones((27, 6))
     stops = Stops.of(m, rows, np.zeros(27, int), columns)
     assert np.unique(stops.stop, return_counts=True)[1].tolist() == [9, 9, 9]
     assert stops.session[1:].tolist() == [0, 0, 0]
-    alone = Stops.of(m, rows[::9], np.zeros(3, int), columns[:3])
-    assert not alone.matrix.toarray().any()
+    assert not Stops.of(m, rows[::9], np.zeros(3, int), columns[:3]).matrix.toarray().any()
 
 
 def test_reflectors_of_a_stop_are_not_taken_as_independent():

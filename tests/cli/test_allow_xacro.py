@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
-from cases import EXAMPLE
+from cases import EXAMPLE, cases
 from click.testing import CliRunner
 from test_documented_commands import commands
 
@@ -20,23 +20,7 @@ from bayescal.public.fleet import Task, computed
 PROGRAM = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><!-- xacro:eval-comments -->
 <!-- ${(lambda:
  xacro.load_yaml.__globals__['os'].system('touch WITNESS'))()} --><link name="base"/></robot>"""
-LOG = "import {log} --map j*=A*deg,x=Xmm --out {new}"
-CASES = {
-    "changed datasets": "changed {good} {cell}",
-    "check dataset": "check {cell}",
-    "compare dataset": "compare {cell}",
-    "fit datasets": "fit {good} {cell}",
-    "gap datasets": "gap {good} {cell}",
-    "import plan": "import {log} --plan {cell} --out {new}",
-    "import robot": LOG + " --robot {arm}",
-    "import template": LOG + " --template {cell}",
-    "init robot": "init {new} --robot {arm}",
-    "plan setup": "plan {cell}",
-    "plan setup, of a diagnosis": "plan {cell} --after {gap}",
-    "plan after": "plan {good} --after {cell}",
-    "simulate robot": "simulate --out {new} --robot {arm}",
-    "simulate setup": "simulate --out {new} --setup {cell}",
-}
+CASES = cases("xacro_commands")
 """A command for each argument that names a dataset or a robot."""
 FUNCTIONS = {
     "changed datasets": lambda p, **allow: bc.changed([p.good, p.cell], **allow),
@@ -144,9 +128,8 @@ def test_what_cannot_allow_it_does_not_run_it(places):
     for words, own in arguments():
         if "allow_xacro" not in own and "blind" not in words:
             for given in (places.cell, places.arm):
-                CliRunner().invoke(
-                    commands()["bayescal"], [*words.split()[1:], *[str(given)] * len(list(paths(own)))]
-                )
+                values = [str(given)] * len(list(paths(own)))
+                CliRunner().invoke(commands()["bayescal"], [*words.split()[1:], *values])
     for _, own in functions():
         parameters = inspect.signature(own).parameters
         for given in (places.cell, places.arm) if "allow_xacro" not in parameters else ():

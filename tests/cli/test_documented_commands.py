@@ -72,9 +72,8 @@ def commands(group=None, name: str = "bayescal") -> dict:
 def test_help_ends_with_two_examples_that_parse(name):
     examples = LINE.findall(commands()[name].epilog)
     assert len(examples) == 2
-    shown = (
-        CliRunner().invoke(commands()["bayescal"], [*name.split()[1:], "--help"], terminal_width=150).output
-    )
+    words = [*name.split()[1:], "--help"]
+    shown = CliRunner().invoke(commands()["bayescal"], words, terminal_width=150).output
     assert [line.strip() for line in shown.strip().splitlines()[-2:]] == examples
     for example in examples:
         assert f"{example} ".startswith(f"{name} ")
@@ -86,16 +85,13 @@ def test_every_command_in_a_sentence_has_its_options(command):
     parsed(command, partly=True)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "bayescal fit cell --sample 0",
-        "bayescal fitt cell",
-        "bayescal check one two",
-        "bayescal fit",
-        "bayescal fit cell --samples some",
-    ],
-)
+@pytest.mark.parametrize("command", [
+    "bayescal fit cell --sample 0",
+    "bayescal fitt cell",
+    "bayescal check one two",
+    "bayescal fit",
+    "bayescal fit cell --samples some",
+])  # fmt: skip
 def test_a_command_that_does_not_parse_is_seen(command):
     with pytest.raises(Exception, match=r"(?i)no such|unexpected|missing|valid integer"):
         parsed(command)
@@ -191,12 +187,9 @@ def test_a_library_loaded_too_early_would_be_seen(library, tmp_path, monkeypatch
 # --- The tutorial's commands, word for word and in order, and what the page says of their results.
 
 FENCE = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-TUTORIAL_COMMANDS = [
-    line
-    for block in FENCE.findall((ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))
-    for line in block.replace("\\\n", " ").splitlines()
-    if line
-]
+TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+LINES = "".join(FENCE.findall(TUTORIAL)).replace("\\\n", " ").splitlines()
+TUTORIAL_COMMANDS = list(filter(None, LINES))
 
 
 @pytest.fixture(scope="module")

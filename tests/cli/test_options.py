@@ -4,8 +4,6 @@ A recorder stands in place of the function that a command calls. Each option in 
 not its default; the function, or a method of its result, receives it, and all else is as without it.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 import re
@@ -20,33 +18,14 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from unittest.mock import MagicMock
 
 import pytest
+from cases import cases
 from click.testing import CliRunner
 from test_documented_commands import commands
 
 from bayescal.cli import root as module
 from bayescal.cli.root import PARAMETER, progress
 
-CALLED = {
-    "budget": ("bayescal.public.budgets.budget",),
-    "changed": ("bayescal.public.changes.changed",),
-    "check": ("bayescal.public.starting.check",),
-    "compare": ("bayescal.public.functions.compare",),
-    "compensate": ("bayescal.public.arms.compensate",),
-    "export": ("bayescal.public.arms.export", "bayescal.public.budgets.certificate"),
-    "fit": ("bayescal.public.functions.fit",),
-    "fleet": ("bayescal.public.fleet.fleet",),
-    "gap": ("bayescal.public.functions.diagnose",),
-    "history": ("bayescal.public.changes.history",),
-    "import": ("bayescal.importing.convert", "bayescal.importing.write"),
-    "init": ("bayescal.public.starting.init",),
-    "plan": ("bayescal.public.planning.plan",),
-    "report": ("bayescal.public.starting.report",),
-    "robots": ("bayescal.robots.table",),
-    "schema": ("bayescal.preparing.artefacts.schema_text",),
-    "simulate": ("bayescal.public.functions.simulate",),
-    "verify": ("bayescal.public.arms.verify",),
-    "watch": ("bayescal.public.watching.watch",),
-}
+CALLED = cases("called_by_commands")
 """What each command calls: stand-ins record it."""
 ELSEWHERE = {"import --allow-xacro": "expands the robot before the call: tests/cli/test_allow_xacro.py"}
 """Options that reach no called function, and where they are tested."""
@@ -223,17 +202,14 @@ def test_every_command_is_tested():
     assert ends == CALLED.keys()
 
 
-@pytest.mark.parametrize(
-    ("line", "parameter", "value"),
-    [
-        (("budget", "RUN", "--point", "1,2"), "point", [1.0, 2.0]),
-        (("compensate", "RUN", "T", "--out", "o", "--at-time", "3.5"), "at_time", 3.5),
-        (("export", "RUN", "--to", "urdf", "--at-time", "3.5"), "at_time", 3.5),
-        (("init", "DIR", "--robot", "ur5e", "--tool", "0 0 1 mm"), "tool", "0 0 1 mm"),
-        (("import", "LOG", "--out", "o", "--tool", "0 0 1 mm"), "tool", "0 0 1 mm"),
-        (("simulate", "--out", "o", "--payload", "1.5"), "payload", 1.5),
-    ],
-)
+@pytest.mark.parametrize(("line", "parameter", "value"), [
+    (("budget", "RUN", "--point", "1,2"), "point", [1.0, 2.0]),
+    (("compensate", "RUN", "T", "--out", "o", "--at-time", "3.5"), "at_time", 3.5),
+    (("export", "RUN", "--to", "urdf", "--at-time", "3.5"), "at_time", 3.5),
+    (("init", "DIR", "--robot", "ur5e", "--tool", "0 0 1 mm"), "tool", "0 0 1 mm"),
+    (("import", "LOG", "--out", "o", "--tool", "0 0 1 mm"), "tool", "0 0 1 mm"),
+    (("simulate", "--out", "o", "--payload", "1.5"), "payload", 1.5),
+])  # fmt: skip
 def test_earlier_names_of_options_are_understood(line, parameter, value, monkeypatch, tmp_path_factory):
     monkeypatch.chdir(tmp_path_factory.getbasetemp())
     got, _ = received(*line)
@@ -243,9 +219,7 @@ def test_earlier_names_of_options_are_understood(line, parameter, value, monkeyp
 # --- The progress of a command where no terminal shows a bar: lines on the error stream.
 
 
-@pytest.fixture
-def written(capsys):
-    """A function that returns the error stream's text as soon as a pattern is found in it."""
+def test_lines_state_stage_share_and_time_also_while_nothing_is_reported(monkeypatch, capsys):
     parts = []
 
     def until(pattern: str = "") -> str:
@@ -256,17 +230,13 @@ def written(capsys):
             time.sleep(0.01)
         return pytest.fail(f"never written: {pattern}")
 
-    return until
-
-
-def test_lines_state_stage_share_and_time_also_while_nothing_is_reported(monkeypatch, written):
     monkeypatch.setattr(module, "EVERY", 0.02)
     with progress("worlds") as notify:
-        written(r"(worlds 0 %, \d+ s\n){2}")
+        until(r"(worlds 0 %, \d+ s\n){2}")
         notify("sample", 0.256)
-        written(r"sample 26 %, \d+ s\n")
+        until(r"sample 26 %, \d+ s\n")
         notify.say("a note")
-    lines = written().splitlines()
+    lines = until().splitlines()
     kinds = [line if line == "a note" else re.fullmatch(r"(\w+ \d+ %), \d+ s", line)[1] for line in lines]
     assert list(dict.fromkeys(kinds)) == ["worlds 0 %", "sample 26 %", "a note"]
     assert kinds[-1] == "a note"

@@ -6,8 +6,7 @@ import numpy as np
 
 from bayescal.estimate import estimate
 from bayescal.fitted.arm import of_estimate
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 
 
 def arm_with(effects: tuple[str, ...], session, seed: int = 0):

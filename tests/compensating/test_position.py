@@ -54,8 +54,7 @@ def test_the_session_has_a_discrepancy(arm, readings):
     assert arm.beyond.variances
     poses = arm.at(readings)
     alone = np.trace(poses.by_parameters @ arm.covariance @ np.swapaxes(poses.by_parameters, 1, 2), 0, 1, 2)
-    with_all = np.trace(poses.covariance, 0, 1, 2)
-    assert np.max(np.abs(np.log(alone / with_all))) > 0.2
+    assert np.max(np.abs(np.log(alone / np.trace(poses.covariance, 0, 1, 2)))) > 0.2
 
 
 def test_a_point_whose_error_is_unexplained_has_the_degrees_of_freedom_of_that(arm):
@@ -166,8 +165,7 @@ def test_another_tool_is_carried_by_the_flange(arm, readings):
 
 def test_a_tool_of_the_dataset_that_no_row_uses(arm, readings):
     gun = replace(arm.dataset.tools[0], name="gun", centre=np.array([0, 0, 0.2]), u=1e-4)
-    dataset = replace(arm.dataset, tools=(*arm.dataset.tools, gun))
-    scene = replace(arm.model.scene, dataset=dataset)
+    scene = replace(arm.model.scene, dataset=replace(arm.dataset, tools=(*arm.dataset.tools, gun)))
     both = replace(arm, model=replace(arm.model, scene=scene))
     found = positions(both, readings, tool="gun")
     same = positions(arm, readings, tcp=np.array([0, 0, 0.2, 0, 0, 0]))
@@ -265,8 +263,7 @@ def reached(arm, found, **state):
 
 def test_every_effect_is_corrected(session):
     arm = _arm(ALL, session)
-    readings = session.measurements.readings[:6]
-    goals = poses_of(arm, readings)
+    goals = poses_of(arm, session.measurements.readings[:6])
     way = np.sign(np.random.default_rng(0).standard_normal((6, 6)))
     payload = np.linspace(0, 1, 6)
     targets = [Target(str(k), goals[k], velocity=way[k], payload=payload[k]) for k in range(6)]
@@ -376,10 +373,8 @@ def test_region_needs_a_probed_place_and_probed_readings(solved_arm, session):
     m = session.measurements
     points = solved_arm.at_rows(np.arange(4)).points
     assert region.contains(points, m.readings[:4]).all()
-    away = points + np.array([0.0, 0.0, 0.6])
-    assert not region.contains(away, m.readings[:4]).any()
-    turned = m.readings[:4] + 2 * np.pi * np.eye(6)[5]
-    assert not region.contains(points, turned).any()
+    assert not region.contains(points + np.array([0.0, 0.0, 0.6]), m.readings[:4]).any()
+    assert not region.contains(points, m.readings[:4] + 2 * np.pi * np.eye(6)[5]).any()
     edge = np.tile(m.readings[0], (4, 1))
     low, high = region.readings[:, 4].min(), region.readings[:, 4].max()
     edge[:, 4] = low - np.radians(0.5), low - np.radians(1.5), high + np.radians(0.5), high + np.radians(1.5)

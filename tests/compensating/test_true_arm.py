@@ -13,9 +13,8 @@ from analysis.world.touch import World
 from bayescal.arm.inverse import nearest, solutions
 from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
-from bayescal.compensating import compensate_file
+from bayescal.compensating import compensate_file, compensated
 from bayescal.compensating.position import frame_of, positions
-from bayescal.compensating.solve import compensated
 from bayescal.fitted.arm import of_fit
 from bayescal.programs import PROGRAMS
 from bayescal.programs.text import Target

@@ -13,8 +13,7 @@ def test_a_blurred_image():
     session = camera_session(images=15)
     m, count = session.measurements, len(BOARD)
     pixel = m.pixel.copy()
-    noise = np.random.default_rng(3).standard_normal((count, 2))
-    pixel[4 * count : 5 * count, :2] += 2.0 * noise
+    pixel[4 * count : 5 * count, :2] += 2.0 * np.random.default_rng(3).standard_normal((count, 2))
     pixel[9 * count, :2] += 8.0
     factor = blur(replace(session, measurements=replace(m, pixel=pixel)), 0, np.arange(len(pixel)))
     of_image = factor.reshape(15, count)

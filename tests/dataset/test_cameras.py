@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from camera_sessions import BOARD, FIXED, ON_FLANGE, SIZE, camera_session
-from cases import refused
+from cases import cases, refused
 
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.cameras import board, board_of, closed_form, lens_of
@@ -87,14 +87,7 @@ def test_refused(case, tmp_path):
     assert caught.remedy
 
 
-@pytest.mark.parametrize(("old", "new", "words"), [
-    ("charuco:7x5:30mm:22mm", "charuco:7x5", "not a board"),
-    ("charuco:7x5:30mm:22mm", "charuco:7x5:20mm:22mm", "smaller than its squares"),
-    ("mount: flange", "mount: wrist", "mount"),
-    ("fx_px: 910", "fx_mm: 910", "fx_px"),
-    ("fx_px", "lens: fisheye, distortion: [0, 0, 0, 0, 0], fx_px", "`distortion` of `cam` has 5 entries"),
-    ("fx_px", "lens: fisheye, u_distortion: [0, 0, 0, 0, 0], fx_px", "a fisheye has k1, k2, k3, k4"),
-])  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "words"), cases("camera_refusals"))
 def test_settings_refused(old, new, words, tmp_path):
     folder = written(camera_session(), tmp_path)
     path = folder / "dataset.yaml"

@@ -73,8 +73,7 @@ def test_tiny_comes_back_and_hashes_differ_with_content(tmp_path):
     again = read_dataset(tmp_path / "new" / "out")
     same(data, again)
     assert again.robot_reference == "fanuc-lrmate200ic"
-    names = {p.name for p in (tmp_path / "new" / "out").glob("[!.]*")}
-    assert names == {"dataset.yaml", "measurements.csv"}
+    assert {p.name for p in (tmp_path / "new" / "out").glob("[!.]*")} == {"dataset.yaml", "measurements.csv"}
     assert read_dataset(write(tmp_path)).sha256 == data.sha256
     assert read_dataset(write(tmp_path, SETTINGS.replace("tiny", "tiny2"))).sha256 != data.sha256
     assert read_dataset(write(tmp_path, table=TABLE.replace("21.5", "21.6"))).sha256 != data.sha256
@@ -101,9 +100,8 @@ def test_whole_or_not_at_all(tmp_path):
     assert not [p for p in tmp_path.glob("[!.]*") if p.name.endswith(".part")]
 
 
-NAMES = st.text(
-    st.characters(exclude_categories=["Cs", "Cc", "Cf", "Zl", "Zp"]), min_size=1, max_size=12
-).filter(lambda s: s == s.strip())
+LETTERS = st.characters(exclude_categories=["Cs", "Cc", "Cf", "Zl", "Zp"])
+NAMES = st.text(LETTERS, min_size=1, max_size=12).filter(lambda s: s == s.strip())
 
 
 @st.composite
@@ -184,8 +182,7 @@ def test_any_dataset_comes_back(data, tmp_path_factory):
 @pytest.fixture(scope="module")
 def pair(cube):
     """Two sessions, told apart by names and hashes."""
-    sessions = (cube(seed=seed, count=60).dataset for seed in (1, 2))
-    each = zip(sessions, "AB", strict=True)
+    each = zip((cube(seed=seed, count=60).dataset for seed in (1, 2)), "AB", strict=True)
     return tuple(replace(s, name=name, sha256=name.lower(), folder=Path(name)) for s, name in each)
 
 
@@ -248,8 +245,7 @@ def test_an_artefacts_temperature_is_not_taken_for_the_arms(pair):
     mixed = joined((replace(a, temperature_of="artefact"), replace(b, temperature_of="arm")))
     assert mixed.temperature_of == "arm"
     assert np.ptp(mixed.measurements.temperature[:60]) == 0
-    both = joined([replace(s, temperature_of="artefact") for s in (a, b)])
-    assert both.temperature_of == "artefact"
+    assert joined([replace(s, temperature_of="artefact") for s in (a, b)]).temperature_of == "artefact"
 
 
 def test_tools_stated_alike_are_one_tool_unless_remounted(pair):
@@ -261,8 +257,7 @@ def test_tools_stated_alike_are_one_tool_unless_remounted(pair):
     longer = replace(b, tools=(replace(b.tools[0], centre=b.tools[0].centre + 1e-3),))
     assert [t.name for t in joined((a, longer)).tools] == ["A:ball", "B:ball"]
     probe = Tool("probe", np.zeros(3), 2e-3)
-    more = with_columns(replace(b, tools=(probe, b.tools[0])), tool=np.ones(60, int))
-    both = joined((a, more))
+    both = joined((a, with_columns(replace(b, tools=(probe, b.tools[0])), tool=np.ones(60, int))))
     assert [t.name for t in both.tools] == ["ball", "probe"]
     assert set(both.measurements.tool) == {0}
 
@@ -304,8 +299,7 @@ def test_coordinates_of_an_artefact_have_the_information_of_one_paper(pair):
     paper = Points("plate", ("a", "b"), at, tuple(map(tuple, covariance)), (0, 1), ("", ""))
     names = tuple(t.name for t in pair[0].targets[:2])
     each = [replace(s, certificates=(Certificate("points", names, points=paper),)) for s in pair]
-    third = replace(each[0], name="C", sha256="c", folder=Path("C"))
-    for sessions in (each, [*each, third]):
+    for sessions in (each, [*each, replace(each[0], name="C", sha256="c", folder=Path("C"))]):
         found = [np.array(c.points.covariance) for c in joined(sessions).certificates]
         assert len(found) == len(sessions)
         np.testing.assert_allclose(sum(map(np.linalg.inv, found)), np.linalg.inv(covariance), rtol=1e-6)
@@ -345,8 +339,7 @@ def test_what_is_no_session_of_the_same_arm_is_refused_in_one_line(pair, change,
 
 def test_limits_and_rounding_make_no_other_arm(pair):
     a, b = pair
-    robot = replace(b.robot, limits=2 * b.robot.limits, a=b.robot.a + 1e-10)
-    joined((a, replace(b, robot=robot)))
+    joined((a, replace(b, robot=replace(b.robot, limits=2 * b.robot.limits, a=b.robot.a + 1e-10))))
 
 
 # --- Rows that were measured later follow those of a session: times continue, labels stay apart.

@@ -66,8 +66,7 @@ def test_lines_that_are_exposed_one_after_another(session):
     problem = said(with_columns(session, pixel=pixel))
     assert "exposed line by line while the arm moved (rolling shutter, about 30 µs a line)" in problem.what
     assert "with the arm at rest" in problem.remedy
-    without = with_columns(session, pixel=pixel, velocity=None)
-    assert explanation(without, DOCUMENT) is None
+    assert explanation(with_columns(session, pixel=pixel, velocity=None), DOCUMENT) is None
 
 
 def test_a_horn_on_another_tooth(fixed):

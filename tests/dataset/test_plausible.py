@@ -19,9 +19,10 @@ from bayescal.errors import BayescalError
 RNG = np.random.default_rng(7)
 
 
-def unexplained(rows, off):
-    """Of rows that are off: nothing explains them."""
-    return "", False, ""
+def impossible(target, away, table):
+    """What is said of 60 rows that are `away`, m, where 0.05 m are possible: nothing explains them."""
+    rows = np.full(60, 0.05), np.arange(60)
+    return plausibility._impossible(target, away, *rows, table, None, lambda *_: ("", False, ""))
 
 
 def scaled(factor: float, rows: slice = slice(None), columns: slice = slice(4, 10)) -> str:
@@ -34,26 +35,21 @@ def scaled(factor: float, rows: slice = slice(None), columns: slice = slice(4, 1
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize(
-    ("factor", "first", "words"),
-    [(np.pi / 180, 1, r"measurements.csv:2: .*look like radians"), (180 / np.pi, 1, "converted twice"),
-     (np.pi / 180, 15, "look like radians")],
-    ids=["radians", "converted twice", "radians of an instrument alone"],
-)  # fmt: skip
+@pytest.mark.parametrize(("factor", "first", "words"), [
+    (np.pi / 180, 1, r"measurements.csv:2: .*look like radians"), (180 / np.pi, 1, "converted twice"),
+    (np.pi / 180, 15, "look like radians"),
+], ids=["radians", "converted twice", "radians of an instrument alone"])  # fmt: skip
 def test_another_unit_of_all_readings_is_told(tmp_path, factor, first, words):
     lines = scaled(factor).splitlines()
     refused(words, lambda: read_dataset(write(tmp_path, table="\n".join([lines[0], *lines[first:]]))))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[475, 272, -40]", "[0.475, 0.272, -0.04]", "`ball.A` .* look like m: write them in mm"),
-        ("[475, 272, -40]", "[475000, 272000, -40000]", "`ball.A` .* look like µm"),
-        ("[561, -40, -50]", "[861, -40, -50]", "`cone` are nominally 2.. mm or more off"),
-        ("centre_mm: [60, 0, 120], u_mm: 1", "centre_mm: [60, 500, 120], u_mm: 1", "disagree with the arm"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("[475, 272, -40]", "[0.475, 0.272, -0.04]", "`ball.A` .* look like m: write them in mm"),
+    ("[475, 272, -40]", "[475000, 272000, -40000]", "`ball.A` .* look like µm"),
+    ("[561, -40, -50]", "[861, -40, -50]", "`cone` are nominally 2.. mm or more off"),
+    ("centre_mm: [60, 0, 120], u_mm: 1", "centre_mm: [60, 500, 120], u_mm: 1", "disagree with the arm"),
+])  # fmt: skip
 def test_misplaced(tmp_path, old, new, words):
     settings = SETTINGS.replace(old, new)
     assert settings != SETTINGS
@@ -66,8 +62,7 @@ def test_a_small_session_is_no_radians(tmp_path):
     rows = [f"r{i},face,ball," + ",".join(f"{x:.4f}" for x in row) for i, row in enumerate(q)]
     header = "id,target,tool," + ",".join(f"j{i}_deg" for i in range(1, 7))
     face = "targets:\n  face: {kind: plane, normal: [1, 0, 0], offset_mm: 640}\n"
-    settings = SETTINGS.split("targets:")[0] + face
-    data = read_dataset(write(tmp_path, settings, "\n".join([header, *rows])))
+    data = read_dataset(write(tmp_path, SETTINGS.split("targets:")[0] + face, "\n".join([header, *rows])))
     assert len(data.measurements.ids) == 8
 
 
@@ -108,12 +103,10 @@ def test_contacts_of_another_target_are_told(tmp_path, socket, moved):
     assert (f"they agree with the contacts on `{socket}`: correct their target" in str(caught.value)) == moved
 
 
-@pytest.mark.parametrize(
-    ("columns", "rows", "factor", "words"),
-    [(slice(10, 13), slice(-6, None), 1e-3, "`x_mm`, `y_mm`, `z_mm` look like m: .* hold mm"),
-     (slice(5, 6), slice(None), np.pi / 180, "`j2_deg` look like radians: .* hold deg")],
-    ids=["instrument", "joint"],
-)  # fmt: skip
+@pytest.mark.parametrize(("columns", "rows", "factor", "words"), [
+    (slice(10, 13), slice(-6, None), 1e-3, "`x_mm`, `y_mm`, `z_mm` look like m: .* hold mm"),
+    (slice(5, 6), slice(None), np.pi / 180, "`j2_deg` look like radians: .* hold deg"),
+], ids=["instrument", "joint"])  # fmt: skip
 def test_another_unit_of_some_columns_is_told(tmp_path, columns, rows, factor, words):
     table = scaled(factor, rows, columns)
     refused(f"values of {words}", lambda: read_dataset(write(tmp_path, table=table)))
@@ -159,18 +152,16 @@ LIKE = "the certified value looks like {}: write it in mm"
 TWICE = "the value was converted once too often, or the nominal places are in inches"
 
 
-@pytest.mark.parametrize(
-    ("unit", "size", "words"),
-    [*((*unit, LIKE) for unit in (("m", 1.0), ("cm", 0.01), ("inches", 0.0254), ("µm", 1e-6))),
-     ("inches to mm, twice", 1e-3 / 25.4, TWICE)],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit", "size", "words"), [
+    *((*unit, LIKE) for unit in (("m", 1.0), ("cm", 0.01), ("inches", 0.0254), ("µm", 1e-6))),
+    ("inches to mm, twice", 1e-3 / 25.4, TWICE),
+])  # fmt: skip
 def test_the_unit_of_a_certificate_is_told(tmp_path, unit, size, words):
     """A distance certified in another unit than mm."""
     settings = SETTINGS.replace("distance_mm: 150.0", f"distance_mm: {0.15 / size:.6g}")
     for y in (272, 422):
         settings = settings.replace(f"[475, {y}, -40],", f"[475, {y}, -40], u_mm: 1,")
-    remedies = [c.remedy for c in contradictions(read_dataset(write(tmp_path, settings)))]
-    assert remedies == [words.format(unit)]
+    assert [c.remedy for c in contradictions(read_dataset(write(tmp_path, settings)))] == [words.format(unit)]
 
 
 # --- No session is blamed for a unit that is only loosely known, badly placed or shuffled.
@@ -210,8 +201,7 @@ def test_shuffled_points_and_a_wrong_tool(tracker):
     data = tracker(count=30).dataset
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        shuffled = with_columns(data, xyz=rng.permutation(data.measurements.xyz))
-        assert suspicion(shuffled) is None
+        assert suspicion(with_columns(data, xyz=rng.permutation(data.measurements.xyz))) is None
         tool = replace(data.tools[0], centre=data.tools[0].centre + rng.normal(0, 0.2, 3))
         assert suspicion(replace(data, tools=(tool,))) is None
 
@@ -231,9 +221,7 @@ def test_images_that_are_too_far_off_are_named():
     line, stops = 4 + np.arange(60), [f"img{k // 10}" for k in range(60)]
     rows = SimpleNamespace(name="log.csv", line=line)
     table = SimpleNamespace(line=line, cells={"stop": stops}, error=partial(Table.error, rows))
-    problem = plausibility._impossible(
-        Target("cam", "camera", {}), away, np.full(60, 0.05), np.arange(60), table, None, unexplained
-    )
+    problem = impossible(Target("cam", "camera", {}), away, table)
     assert "; 29 more rows are too far off: images img0, img1, img2; " in str(problem)
 
 
@@ -243,10 +231,7 @@ def test_all_rows_that_are_too_far_off_are_listed(count, words):
     away[0], away[1 : 2 * count : 2] = 0.09, 0.06
     target, line = Target("tracker", "instrument", {}), 4 + np.arange(60)
     rows = SimpleNamespace(name="log.csv", line=line)
-    table = SimpleNamespace(line=line, error=partial(Table.error, rows))
-    problem = plausibility._impossible(
-        target, away, np.full(60, 0.05), np.arange(60), table, None, unexplained
-    )
+    problem = impossible(target, away, SimpleNamespace(line=line, error=partial(Table.error, rows)))
     assert str(problem).startswith("log.csv:4: impossible reading: 90 mm")
     assert f"; {count} more row{'s are' if count > 1 else ' is'} too far off: " in str(problem)
     assert words in str(problem)

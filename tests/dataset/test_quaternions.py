@@ -26,14 +26,11 @@ def test_a_quaternion_is_the_rotation_of_its_angles():
     assert np.isnan(angles[-1]).all()
 
 
-@pytest.mark.parametrize(
-    ("row", "head", "said"),
-    [
-        ("0.5,0.5,0.5,", HEAD, "csv:2: the quaternion is not complete"),
-        ("1,0.1,0,0", HEAD, "has the length 1.005, not 1; check the columns"),
-        ("1,0,0,0,0,0,0", ",".join((HEAD, *RPY)), "both `qw` and `rx_deg` are given"),
-        ("1,0,0", HEAD.removesuffix(",qz"), "column `qz` is missing"),
-    ],
-)
+@pytest.mark.parametrize(("row", "head", "said"), [
+    ("0.5,0.5,0.5,", HEAD, "csv:2: the quaternion is not complete"),
+    ("1,0.1,0,0", HEAD, "has the length 1.005, not 1; check the columns"),
+    ("1,0,0,0,0,0,0", ",".join((HEAD, *RPY)), "both `qw` and `rx_deg` are given"),
+    ("1,0,0", HEAD.removesuffix(",qz"), "column `qz` is missing"),
+])  # fmt: skip
 def test_what_is_no_rotation_is_refused(row, head, said):
     refused(said, lambda: table(row, head=head))

@@ -37,5 +37,4 @@ def test_what_is_advised_is_the_rms_of_the_rounding_and_ends_the_finding(step):
     assert f"steps of up to {step:.4g} deg" in said
     advised = float(said.rpartition("`noise.joint_deg: ")[2].rstrip("`"))
     assert advised == pytest.approx(np.sqrt(np.mean((shown - np.degrees(m.readings)) ** 2)), rel=0.06)
-    followed = replace(coarse, noise=replace(coarse.noise, joint=np.radians(advised)))
-    assert rounded(followed) == ""
+    assert rounded(replace(coarse, noise=replace(coarse.noise, joint=np.radians(advised)))) == ""

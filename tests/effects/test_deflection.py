@@ -1,7 +1,5 @@
 """An added mass acts on every compliant site: against a heavier tool, which the statics know."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +19,8 @@ from bayescal.estimate import calibrated, linearise, unit_weights
 from bayescal.estimate.estimate import acts
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import Pool
-from bayescal.model import build
+from bayescal.model import Scene, build
 from bayescal.model.options import FitOptions, Part
-from bayescal.model.scene import Scene
 from bayescal.simulation import Options, World, simulate
 
 YIELDING = ("geometry", "compliance", "bending", "base-compliance")
@@ -40,8 +37,7 @@ def values(model, mass):
 
 def ball(dataset, effects, mass=0.0):
     """Ball centres (3, N) of the simulated arm at the equilibrium of its statics, m."""
-    world = World(effects, lambda model: values(model, mass), dataset.targets)
-    model = world.model(dataset)
+    model = World(effects, lambda model: values(model, mass), dataset.targets).model(dataset)
     return model.motion(np.arange(len(dataset.measurements.readings))).points(values(model, mass))
 
 
@@ -71,16 +67,14 @@ def test_a_payload_that_hangs_elsewhere_is_a_tool_with_another_centre_of_mass(cu
     (tool,) = dataset.tools
     total = tool.mass + MORE
     other = replace(tool, mass=total, centre_of_mass=tool.centre_of_mass + MORE / total * off)
-    given = {"payload mass": MORE} | {
-        f"payload moment {a}": MORE * v for a, v in zip("xyz", off, strict=True)
-    }
+    moments = {f"payload moment {a}": MORE * v for a, v in zip("xyz", off, strict=True)}
+    given = moments | {"payload mass": MORE}
 
     def found(model):
         out = values(model, 0.0)
         return np.array([given.get(p.name, v) for p, v in zip(model.parameters, out, strict=True)])
 
-    world = World((*YIELDING, "payload@elsewhere"), found, dataset.targets)
-    model = world.model(dataset)
+    model = World((*YIELDING, "payload@elsewhere"), found, dataset.targets).model(dataset)
     moved = model.motion(np.arange(24)).points(found(model))
     assert set(given) <= set(model.names)
     assert np.max(np.linalg.norm(moved - ball(dataset, (*YIELDING, "payload"), MORE), axis=0)) > 2e-5
@@ -108,9 +102,8 @@ def test_what_holds_the_loads_acts_alike_under_each_of_them(cube):
     dataset = cube(seed=3, count=24).dataset
     payload = np.array([0.0, 2.0, 5.0])[np.arange(24) % 3]
     c = circumstances(with_columns(dataset, payload=payload))
-    whole, held = (
-        {p.effect: p for p in parameters_of((s,), c)}["payload"] for s in ("payload", "payload@holder")
-    )
+    settings = ("payload", "payload@holder")
+    whole, held = ({p.effect: p for p in parameters_of((s,), c)}["payload"] for s in settings)
     for a, b in zip(whole.terms, held.terms, strict=True):
         np.testing.assert_allclose((payload > 0) * a.driver, b.driver, rtol=1e-9, atol=1e-15)
     assert acts((held,))  # a fit moves compliances with it
@@ -150,18 +143,16 @@ def test_errors_of_masses_are_the_same_at_all_poses(cube):
     names, terms = [], []
     for readings in (dataset.measurements.readings, np.radians([[0.0, 0.0, 0.0, 0.0, -90.0, 0.0]] * 24)):
         rows = replace(dataset.measurements, readings=readings)
-        scene = Scene(replace(dataset, tools=(on_axis,), measurements=rows))
-        found = masses(circumstances(scene))
+        found = masses(circumstances(Scene(replace(dataset, tools=(on_axis,), measurements=rows))))
         names.append([p.name for p in found])
         terms.append({p.name: len(p.terms) for p in found})
     assert names[0] == names[1]
     assert terms[0]["centre of load z"] > terms[1]["centre of load z"]
 
 
-@pytest.mark.parametrize(
-    ("more", "options", "lighter", "most"),
-    [(("base-compliance",), {"contacts": 160, "payload": 2.0}, 0.3, 0.04), ((), {"contacts": 120}, 0.5, 0.5)],
-)
+@pytest.mark.parametrize(("more", "options", "lighter", "most"), [
+    (("base-compliance",), {"contacts": 160, "payload": 2.0}, 0.3, 0.04), ((), {"contacts": 120}, 0.5, 0.5),
+])  # fmt: skip
 def test_a_fit_finds_a_mass_that_was_not_stated(more, options, lighter, most):
     """On a base that deflects too, beside rows with 2 kg more; and where the tool alone loads a joint.
 
@@ -193,27 +184,23 @@ TOOL = {"ball x", "ball y", "ball z"}
 def stating(dataset, target=None, angle=None, tool=None):
     """The session with a stated uncertainty of its first target and of its tool."""
     first = replace(dataset.targets[0], u=target, u_angle=angle)
-    return replace(
-        dataset, targets=(first, *dataset.targets[1:]), tools=tuple(replace(t, u=tool) for t in dataset.tools)
-    )
+    tools = tuple(replace(t, u=tool) for t in dataset.tools)
+    return replace(dataset, targets=(first, *dataset.targets[1:]), tools=tools)
 
 
 def names_of(dataset, effects=("geometry",)):
     return {p.name for p in parameters_of(effects, circumstances(dataset))}
 
 
-@pytest.mark.parametrize(
-    ("stated", "expected"),
-    [
-        ({}, LOOSE | TOOL),
-        ({"target": 1e-3}, LOOSE | TOOL | BASE),
-        ({"angle": 1e-3}, LOOSE | TOOL | BASE),
-        ({"target": 0.0, "angle": 0.0}, LOOSE | TOOL | BASE),
-        ({"tool": 1e-3}, LOOSE | TOOL | WRIST),
-        ({"tool": 0.0}, LOOSE | WRIST),
-        ({"target": 1e-3, "tool": 1e-3}, LOOSE | TOOL | BASE | WRIST),
-    ],
-)
+@pytest.mark.parametrize(("stated", "expected"), [
+    ({}, LOOSE | TOOL),
+    ({"target": 1e-3}, LOOSE | TOOL | BASE),
+    ({"angle": 1e-3}, LOOSE | TOOL | BASE),
+    ({"target": 0.0, "angle": 0.0}, LOOSE | TOOL | BASE),
+    ({"tool": 1e-3}, LOOSE | TOOL | WRIST),
+    ({"tool": 0.0}, LOOSE | WRIST),
+    ({"target": 1e-3, "tool": 1e-3}, LOOSE | TOOL | BASE | WRIST),
+])  # fmt: skip
 def test_lrmate(cube, stated, expected):
     assert names_of(stating(cube(seed=1).dataset, **stated)) == expected
     assert len(LOOSE) == 19  # eighteen, and d3 beside d2
@@ -243,9 +230,8 @@ def test_one_direction_is_left_to_the_prior(cube):
     """Of a LR Mate by four loose planes: d2 and d3 are told only as a sum, all else is told."""
     model = build(Scene(cube(seed=1, count=300).dataset), ("geometry", "compliance"))
     z = np.zeros(model.size)
-    _, size, directions = np.linalg.svd(
-        linearise(model, z, unit_weights(model, z)).jacobian, full_matrices=False
-    )
+    jacobian = linearise(model, z, unit_weights(model, z)).jacobian
+    _, size, directions = np.linalg.svd(jacobian, full_matrices=False)
     assert size[-1] < 1e-9 * size[0]
     assert size[-2] > 1.0  # one standard deviation of the prior or better
     left = dict(zip(model.names, directions[-1], strict=True))
@@ -273,8 +259,7 @@ def test_beta_where_axes_are_parallel():
 
 def test_craig_names(cube):
     """In modified DH a_i and alpha_i stand in row i + 1: the LR Mate's upper arm of 300 mm is a2."""
-    model = build(Scene(cube(seed=1).dataset), ("geometry",))
-    nominal = {p.name: p.nominal for p in model.parameters}
+    nominal = {p.name: p.nominal for p in build(Scene(cube(seed=1).dataset), ("geometry",)).parameters}
     assert [nominal[f"a{i}"] for i in range(1, 6)] == pytest.approx([0.075, 0.3, 0.075, 0, 0])
     assert [nominal[f"alpha{i}"] for i in range(1, 6)] == pytest.approx(np.radians([-90, 0, -90, 90, -90]))
     assert [nominal[f"d{i}"] for i in range(2, 6)] == pytest.approx([0, 0, 0.32, 0])
@@ -298,24 +283,17 @@ def test_words_of_files_and_text_for_people(driver, words, text):
 def test_sites_are_read_as_they_are_written():
     for site in (*map(Site, PLAIN), joint(4), link(11), face("cube.+y"), face("joint"), face("joint x")):
         assert Site.read(str(site)) == site
-    assert [site.text for site in (joint(4), BASE_SITE, face("cube.+y"))] == [
-        "joint 4",
-        "the base",
-        "cube.+y",
-    ]
+    assert [s.text for s in (joint(4), BASE_SITE, face("cube.+y"))] == ["joint 4", "the base", "cube.+y"]
     assert link(2).also == (joint(2), link(2))
 
 
-@pytest.mark.parametrize(
-    ("driver", "course"),
-    [
-        (Driver("angle", 4, 2.0), Driver("angle", 4)),
-        (Driver("torque", 4, form="sign"), Driver("torque", 4)),
-        (Driver("torque", 4, form="past"), Driver("torque", 4, form="past")),
-        (Driver("time", form="to and fro"), Driver("time")),
-        (Driver("contact speed"), Driver("contact speed")),
-    ],
-)
+@pytest.mark.parametrize(("driver", "course"), [
+    (Driver("angle", 4, 2.0), Driver("angle", 4)),
+    (Driver("torque", 4, form="sign"), Driver("torque", 4)),
+    (Driver("torque", 4, form="past"), Driver("torque", 4, form="past")),
+    (Driver("time", form="to and fro"), Driver("time")),
+    (Driver("contact speed"), Driver("contact speed")),
+])  # fmt: skip
 def test_forms_of_one_coordinate(driver, course):
     assert driver.course == course
 
@@ -358,10 +336,8 @@ def test_a_face_that_is_called_like_a_joint_is_a_face(given):
         replace(cell, site=face(f"joint {cell.site.name}")) if cell.site.kind == "face" else cell
         for cell in of
     ]  # fmt: skip
-    weights = [
-        Pool(np.zeros((3, 0)), (), 3, cells=tuple(some), owner=np.zeros(0, int)).log_prior
-        for some in (of, renamed)
-    ]
+    nothing = np.zeros((3, 0)), (), 3
+    weights = [Pool(*nothing, cells=tuple(some), owner=np.zeros(0, int)).log_prior for some in (of, renamed)]
     np.testing.assert_array_equal(*weights)
 
 
@@ -394,8 +370,7 @@ def test_a_paused_drift_covers_the_session(cube, pause):
     name = f"thermal-drift@paused-{pause[0]}-{pause[1]}-{pause[2]}"
     own = [p for p in parameters_of((name,), c) if p.effect == "thermal-drift"]
     assert [(p.name, p.sd) for p in own] == [(p.name, p.sd) for p in EFFECTS["thermal-drift"].at(c, 600.0)]
-    base = next(p for p in own if p.name.startswith("thermal-drift base"))
-    (term,) = base.terms
+    (term,) = next(p for p in own if p.name.startswith("thermal-drift base")).terms
     assert (np.min(term.driver), np.max(term.driver)) == (-1.0, 1.0)
     assert np.any(np.diff(term.driver) < 0)
     assert np.any(np.diff(term.driver) > 0)
@@ -404,22 +379,16 @@ def test_a_paused_drift_covers_the_session(cube, pause):
 def test_a_load_is_added_to_the_tool_that_carries_it(cube):
     """Of two tools the heavier one is no load: what differs in the rows of a tool is."""
     dataset = cube(seed=2, count=30).dataset
-    m, count = dataset.measurements, len(dataset.measurements.ids)
+    count = len(dataset.measurements.ids)
     second = np.arange(count) % 3 == 0
     tools = (dataset.tools[0], replace(dataset.tools[0], name="other"))
     payload = np.where(np.arange(count) % 2, 1.5, 0.0)
 
     def drivers(more, payload):
         own = (tools[0], replace(tools[1], mass=tools[0].mass + more))
-        c = circumstances(
-            replace(dataset, tools=own, measurements=replace(m, tool=second * 1, payload=payload))
-        )
-        return [
-            np.asarray(t.driver)
-            for p in parameters_of(("payload@added",), c)
-            if p.effect == "payload"
-            for t in p.terms
-        ]
+        c = circumstances(with_columns(replace(dataset, tools=own), tool=second * 1, payload=payload))
+        added = (p for p in parameters_of(("payload@added",), c) if p.effect == "payload")
+        return [np.asarray(t.driver) for p in added for t in p.terms]
 
     light, heavy = drivers(0.0, payload), drivers(3.0, payload)
     assert len(light) == len(heavy) > 0

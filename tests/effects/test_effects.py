@@ -17,8 +17,7 @@ from bayescal.arm.transforms import AXES
 from bayescal.dataset import Noise, Tool
 from bayescal.effects import EFFECTS, UNITS, Effect, confusable, parameters_of
 from bayescal.effects.location import joint
-from bayescal.model import ARM, build
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, Scene, build
 
 CAMERAS = {"focal-length", "image-centre", "lens-distortion", "board-scale", "board-bow"}
 SLIDES = {"straightness", "angular-motion", "positioning", "axis-bending"}
@@ -33,9 +32,7 @@ LACKING = {
 """Effects that a session has no data for."""
 
 
-SESSIONS = {
-    session: tuple(name for name in EFFECTS if name not in lacks) for session, lacks in LACKING.items()
-}
+SESSIONS = {session: tuple(e for e in EFFECTS if e not in lacks) for session, lacks in LACKING.items()}
 """Effects of a session: each parameter is judged beside all others."""
 
 
@@ -44,9 +41,7 @@ def two_tools(session):
     dataset = session.dataset
     probe = Tool("probe", np.array([0.0, 0.05, 0.18]), 2e-3, 0.5, np.array([0.0, 0.02, 0.08]))
     tool = np.arange(len(dataset.measurements.ids)) % 2
-    return replace(
-        dataset, tools=(*dataset.tools, probe), measurements=replace(dataset.measurements, tool=tool)
-    )
+    return with_columns(replace(dataset, tools=(*dataset.tools, probe)), tool=tool)
 
 
 @pytest.fixture(scope="module")
@@ -155,9 +150,8 @@ def test_columns_are_slopes(model):
         many = np.broadcast_to(own, (len(scale), block.size))
         slope = (block.residual(values + step, many) - block.residual(values - step, many)) / (2 * h)
         curved = {"rtol": 1e-5} if block.group == "pixel" else {}
-        np.testing.assert_allclose(
-            by_arm * scale, slope.reshape(len(scale), -1).T, atol=1e-9 if curved else 1e-10, **curved
-        )
+        slope = slope.reshape(len(scale), -1).T
+        np.testing.assert_allclose(by_arm * scale, slope, atol=1e-9 if curved else 1e-10, **curved)
         step = 1e-4 * np.eye(block.size)
         alone = np.broadcast_to(values, (block.size, len(values)))
         slope = (block.residual(alone, own + step) - block.residual(alone, own - step)) / 2e-4
@@ -180,12 +174,8 @@ def test_ties_have_their_slopes(model):
         assert set(by) == set(constraint.variables)
         for name, slope in by.items():
             steps = 1e-4 * np.eye(len(parts[name]))
-            up, down = (
-                np.array(
-                    [model.linearised(constraint, parts | {name: parts[name] + way * s})[0] for s in steps]
-                )
-                for way in (1, -1)
-            )
+            moved = ([parts | {name: parts[name] + way * s} for s in steps] for way in (1, -1))
+            up, down = (np.array([model.linearised(constraint, p)[0] for p in each]) for each in moved)
             atol = 1e-6 * max(1.0, np.max(np.abs(r)))
             np.testing.assert_allclose(slope, (up - down).T / 2e-4, rtol=1e-5, atol=atol)
         draws = {name: part + 0.1 * rng.standard_normal((4, len(part))) for name, part in parts.items()}
@@ -211,12 +201,9 @@ def test_what_is_missing_is_told(name, cube):
     """A robot without masses and a session of bare readings: words, or the effect does without."""
     dataset = cube(seed=1).dataset
     m = dataset.measurements
-    bare = replace(
-        dataset,
-        robot=replace(dataset.robot, masses=None, centres_of_mass=None, reductions=None),
-        measurements=type(m)(m.ids, m.role, m.target, m.tool, m.readings, m.line),
-    )
-    c = circumstances(bare)
+    robot = replace(dataset.robot, masses=None, centres_of_mass=None, reductions=None)
+    rows = type(m)(m.ids, m.role, m.target, m.tool, m.readings, m.line)
+    c = circumstances(replace(dataset, robot=robot, measurements=rows))
     words = EFFECTS[name].missing(c)
     if words:
         refused(name, lambda: parameters_of((name,), c))
@@ -249,9 +236,8 @@ def test_settings_worth_trying(scanned):
     told = []
     for value in values:
         found = effect.scan.parameters(c, float(value))
-        told.append(
-            [(p.name.replace(f"{2 * value:g} ", "").replace(f"{value:g} ", ""), p.unit) for p in found]
-        )
+        double, once = f"{2 * value:g} ", f"{value:g} "
+        told.append([(p.name.replace(double, "").replace(once, ""), p.unit) for p in found])
         for p in found:
             for term in p.terms:
                 assert np.all(np.isfinite(term.driver))
@@ -271,10 +257,8 @@ def test_settings_worth_trying(scanned):
 
 
 def told(parameters):
-    return [
-        (p.name, p.sd, [(t.frame, t.axis, np.asarray(t.driver).tolist()) for t in p.terms])
-        for p in parameters
-    ]
+    terms = ([(t.frame, t.axis, np.asarray(t.driver).tolist()) for t in p.terms] for p in parameters)
+    return [(p.name, p.sd, own) for p, own in zip(parameters, terms, strict=True)]
 
 
 def test_without_a_setting_it_is_the_usual_one(cube):
@@ -297,8 +281,7 @@ def test_gear_mesh_without_reductions_needs_a_ratio(cube):
 
 
 def test_settings_of_several_sites_are_told_once_each():
-    setting = ((joint(1), 26.0), (joint(2), 26.0), (joint(3), 23.0))
-    words = EFFECTS["gear-mesh"].words(setting)
+    words = EFFECTS["gear-mesh"].words(((joint(1), 26.0), (joint(2), 26.0), (joint(3), 23.0)))
     assert words == "26 motor revolutions per joint revolution at joint 1 and joint 2, 23 at joint 3"
 
 
@@ -363,8 +346,7 @@ def test_each_tool_has_its_rows(sessions):
         _, by_arm, _ = block.linearise(np.zeros(6), np.zeros(block.size))
         uses = dataset.measurements.tool[block.rows]
         for k in range(6):
-            moved = np.abs(by_arm[:, k]) > 0
-            np.testing.assert_array_equal(moved, uses == k // 3)
+            np.testing.assert_array_equal(np.abs(by_arm[:, k]) > 0, uses == k // 3)
 
 
 def test_material_that_stands_out_is_met_early(cube):
@@ -379,8 +361,7 @@ def test_material_that_stands_out_is_met_early(cube):
         own = np.zeros(block.size)
         change = (block.residual(values, own) - block.residual(0 * values, own)).ravel()
         if block.target == "cube.-x":
-            middle = np.abs(face.place[block.rows, 0]) < 0.5
-            assert np.all(change[middle] < 0)
+            assert np.all(change[np.abs(face.place[block.rows, 0]) < 0.5] < 0)
             assert np.all(change[np.abs(face.place[block.rows, 0]) > 0.6] > 0)
         else:
             assert not change.any()
@@ -411,8 +392,7 @@ def test_payload_and_tool_weigh(cube, monkeypatch):
 
 def test_stated_noise_of_a_row(cube, tracker):
     dataset = cube(seed=1).dataset
-    count = len(dataset.measurements.ids)
-    u = np.where(np.arange(count) < 5, 2e-5, np.nan)
+    u = np.where(np.arange(len(dataset.measurements.ids)) < 5, 2e-5, np.nan)
     scene = Scene(replace(dataset, measurements=replace(dataset.measurements, u=u), noise=Noise(7e-6, 9e-6)))
     np.testing.assert_array_equal(scene.sigma(np.arange(8)), [2e-5] * 5 + [7e-6] * 3)
     assert Scene(tracker(seed=1).dataset).sigma(np.arange(2)).tolist() == [1e-5, 1e-5]
@@ -421,8 +401,7 @@ def test_stated_noise_of_a_row(cube, tracker):
 @pytest.mark.parametrize("effect", ["compliance", "bending", "base-compliance"])
 def test_a_compliance_three_times_the_usual_is_no_surprise(effect, cube):
     """Published arms spread by a factor of 3 about the usual: the prior takes less than a nat for it."""
-    scene = Scene(cube(seed=1).dataset)
-    model = build(scene, (effect,))
+    model = build(Scene(cube(seed=1).dataset), (effect,))
     mine = [k for k, p in enumerate(model.parameters) if p.effect == effect and p.mean]
     assert mine
     for factor in (1 / 3, 3.0):

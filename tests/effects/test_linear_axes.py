@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from rails import moving_session
 from scipy.integrate import solve_bvp
-from sessions import circumstances
+from sessions import circumstances, with_columns
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.dataset import Target
 from bayescal.effects import EFFECTS
 from bayescal.effects.common import ORDERS
 from bayescal.effects.gravity import cantilever, supported
-from bayescal.model import build
-from bayescal.model.equilibrium import standing
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build, standing
 
 CURVES = {"straightness": ("m", {"tx", "ty"}), "angular-motion": ("rad", {"rx", "ry", "rz"})}
 CURVES |= {"positioning": ("m", {"tz"})}
@@ -30,10 +28,9 @@ def of_rail(c, effect):
     return [p for p in EFFECTS[effect].parameters(c) if p.site.number == 1]
 
 
-@pytest.mark.parametrize(
-    ("effect", "unit"),
-    [("backlash", "m"), ("encoder-scale", "1"), ("unsettled", "s"), ("thermal-drift", "m")],
-)
+@pytest.mark.parametrize(("effect", "unit"), [
+    ("backlash", "m"), ("encoder-scale", "1"), ("unsettled", "s"), ("thermal-drift", "m"),
+])  # fmt: skip
 def test_a_rail_is_displaced_along_its_axis(c, effect, unit):
     (p,) = of_rail(c, effect)
     assert p.unit == unit
@@ -152,10 +149,8 @@ def test_the_speed_of_a_contact_is_that_of_the_ball(c):
     normal = np.array([0.6, 0.64, 0.48])
     dataset = replace(moving_session(), targets=(Target("face", "plane", {"normal": normal, "offset": 0.3}),))
     scene, m = Scene(dataset), dataset.measurements
-    later, before = (
-        Scene(replace(dataset, measurements=replace(m, readings=m.readings + dt * m.velocity)))
-        for dt in (1e-5, -1e-5)
-    )
+    moved = (with_columns(dataset, readings=m.readings + dt * m.velocity) for dt in (1e-5, -1e-5))
+    later, before = map(Scene, moved)
     speed = (before.points - later.points) @ normal / 2e-5
     np.testing.assert_allclose(scene.circumstances().speed, speed, atol=1e-8)
 
@@ -163,14 +158,12 @@ def test_the_speed_of_a_contact_is_that_of_the_ball(c):
 def test_the_stance_has_the_deflection_of_a_carriage_that_the_robot_file_states():
     """An arm hung from a vertical rail that yields: its statics are those of the place where it stands."""
     dataset = moving_session()
-    yields = np.array([1e-4, 0, 2e-5, 1e-5, 0, 0, 0])
-    robot = replace(dataset.robot, compliance=yields)
+    robot = replace(dataset.robot, compliance=np.array([1e-4, 0, 2e-5, 1e-5, 0, 0, 0]))
     along = chain_of(robot).link[0, :3, 2]
     scene = Scene(replace(dataset, robot=robot, gravity=9.81 * (robot.base[:3, :3] @ along)))
     model = build(scene, ("geometry",))
     stance = standing(model, np.zeros(len(model.parameters))).stance
     rigid = link_angles(robot, dataset.measurements.readings)
     assert np.max(abs(scene.q - rigid)[:, 0]) > 1e-3
-    np.testing.assert_allclose(
-        points(scene.chain, rigid, scene.tools, stance.delta), scene.points, atol=1e-12
-    )
+    there = points(scene.chain, rigid, scene.tools, stance.delta)
+    np.testing.assert_allclose(there, scene.points, atol=1e-12)

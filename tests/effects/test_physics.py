@@ -10,13 +10,10 @@ from bayescal.arm.chain import chain_of, frames, points
 from bayescal.arm.motion import CONTACT
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Certificate, Target
-from bayescal.effects import EFFECTS
-from bayescal.effects.by_time import heated
+from bayescal.effects import EFFECTS, Driver
 from bayescal.effects.common import usual
 from bayescal.effects.compliance import typical
-from bayescal.effects.location import Driver
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 from bayescal.statistics import grouped
 
 
@@ -24,11 +21,8 @@ def drivers(dataset, effect):
     """Drivers (N,) by parameter, frame and axis."""
     c = circumstances(dataset)
     assert not EFFECTS[effect].missing(c)
-    return {
-        (p.name, t.frame, t.axis): np.broadcast_to(t.driver, len(c.q))
-        for p in EFFECTS[effect].parameters(c)
-        for t in p.terms
-    }
+    terms = ((p.name, t) for p in EFFECTS[effect].parameters(c) for t in p.terms)
+    return {(name, t.frame, t.axis): np.broadcast_to(t.driver, len(c.q)) for name, t in terms}
 
 
 def displacements(dataset, effect, **values):
@@ -67,8 +61,7 @@ def test_waves_of_a_turn(dataset, effect, order):
     moved = drivers(with_columns(dataset, readings=on), effect)
     for key in now:
         assert np.allclose(moved[key], now[key]) == (key[1] != 2)
-    turned = dataset.measurements.readings + np.pi / order
-    again = drivers(with_columns(dataset, readings=turned), effect)
+    again = drivers(with_columns(dataset, readings=dataset.measurements.readings + np.pi / order), effect)
     for key in now:
         # the third link turns twice as far, the other way
         np.testing.assert_allclose(again[key], now[key] if key[1] == 3 else -now[key], atol=1e-12)
@@ -116,8 +109,7 @@ def test_backlash_turns_with_the_velocity(dataset):
     np.testing.assert_allclose(fast["backlash J1", 1, "rz"][some], np.sign(velocity[some, 0]), atol=1e-3)
     still = with_columns(dataset, velocity=np.where(np.arange(6) == 4, 0.0, velocity))
     assert "backlash J5" not in {name for name, *_ in drivers(still, "backlash")}
-    missing = EFFECTS["backlash"].missing(circumstances(with_columns(dataset, velocity=None)))
-    assert "j1_degps" in missing
+    assert "j1_degps" in EFFECTS["backlash"].missing(circumstances(with_columns(dataset, velocity=None)))
 
 
 def test_a_joint_that_hardly_turns_stands_in_its_play(dataset):
@@ -175,8 +167,7 @@ def wrong_by(dataset, coupling, joint, error):
     """
     scene = Scene(dataset)
     angles = scene.q.copy()
-    sense = np.array([1, 1, -1, -1, -1, -1.0])[joint - 1]
-    angles[:, joint - 1] += sense * error
+    angles[:, joint - 1] += np.array([1, 1, -1, -1, -1, -1.0])[joint - 1] * error
     if coupling == "mechanical" and joint == 2:
         angles[:, 2] -= error
     return points(scene.chain, angles, scene.tools)
@@ -258,11 +249,6 @@ def test_hardening_grows_with_the_square_of_the_torque(dataset, moments):
     assert sd["hardening J3"] * 8.0 == pytest.approx(0.3 * 2e-4)
 
 
-def turned_about(point, turn, ball):
-    """Ball centres (N, 3) after a small turn (N, 3), rad in F0, about points (N, 3)."""
-    return ball + np.cross(turn, ball - point)
-
-
 def test_a_bearing_yields_across_its_axis(dataset, moments):
     """All behind the joint turns about its frame by the moment, except for the component about the axis."""
     scene, found = Scene(dataset), drivers(dataset, "bending")
@@ -272,7 +258,7 @@ def test_a_bearing_yields_across_its_axis(dataset, moments):
         assert {axis for name, _, axis in found if name == f"bending J{j} bearing"} == {"rx", "ry"}
         across = 1e-6 * moments[:, j] * [1, 1, 0]
         turn = (pose[:, j, :3, :3] @ across[..., None])[..., 0]
-        moved = turned_about(pose[:, j, :3, 3], turn, scene.points)
+        moved = scene.points + np.cross(turn, scene.points - pose[:, j, :3, 3])
         now = ball_centres(dataset, "bending", **{f"bending_J{j}_bearing": 1e-6})
         np.testing.assert_allclose(now, moved, atol=1e-9)
 
@@ -299,9 +285,8 @@ def test_a_link_bends_as_a_uniform_beam(dataset, j, near, far, convention):
         across = moment - np.outer(moment @ along, along)
         moved += np.cross(give / count * across, ball - at)
     other = "z" if j == 2 else "x"
-    assert {name for name, *_ in drivers(dataset, "bending") if f"J{j} link" in name} == {
-        f"bending J{j} link {axis}" for axis in ("y", other)
-    }
+    names = {name for name, *_ in drivers(dataset, "bending") if f"J{j} link" in name}
+    assert names == {f"bending J{j} link {axis}" for axis in ("y", other)}
     values = {f"bending_J{j}_link_{axis}": give for axis in ("y", other)}
     found = ball_centres(dataset, "bending", **values) - scene.points
     found = np.einsum("cji,cj->ci", pose[:, :3, :3], found)
@@ -385,11 +370,8 @@ def test_an_arm_that_warms_up_slows_down(dataset):
     c = circumstances(dataset)
     halfway = []
     for constant in EFFECTS["thermal-drift"].scan.values(c):
-        courses = [
-            p.terms[0].driver
-            for p in EFFECTS["thermal-drift"].scan.parameters(c, constant)
-            if "growth" not in p.name
-        ]
+        drifts = EFFECTS["thermal-drift"].scan.parameters(c, constant)
+        courses = [p.terms[0].driver for p in drifts if "growth" not in p.name]
         assert len(courses) == 3 + 6
         for course in courses:
             assert (course[0], course[-1]) == (-1, pytest.approx(1))
@@ -399,17 +381,6 @@ def test_an_arm_that_warms_up_slows_down(dataset):
     assert np.all(np.diff(halfway) < 0)
     assert halfway[-1] == pytest.approx(0.0, abs=0.1)  # a straight line
     assert EFFECTS["thermal-drift"].scan.parameters(c, 600.0)[-1].driver == Driver("time")
-
-
-def test_approach_is_the_inward_normal_in_the_flange(dataset):
-    """It turns with the flange's last joint, whose axis keeps its share of it."""
-    c = circumstances(dataset)
-    np.testing.assert_allclose(np.linalg.norm(c.approach, axis=1), 1.0, atol=1e-12)
-    turned = dataset.measurements.readings + np.where(np.arange(6) == 5, 0.3, 0.0)
-    after = circumstances(with_columns(dataset, readings=turned)).approach
-    np.testing.assert_allclose(after[:, 2], c.approach[:, 2], atol=1e-12)
-    turn = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(c.approach[:, 1], c.approach[:, 0])
-    np.testing.assert_allclose(np.exp(1j * turn), np.exp(0.3j), atol=1e-9)
 
 
 def test_approach_of_round_targets(dataset):
@@ -448,9 +419,8 @@ def test_lobing_has_three_lobes(dataset):
 def test_latency_is_the_way_gone_since(dataset):
     """Readings a moment late lie deeper by speed times delay: the effect takes that back."""
     delay = 1e-4
-    late = with_columns(
-        dataset, readings=dataset.measurements.readings + delay * dataset.measurements.velocity
-    )
+    m = dataset.measurements
+    late = with_columns(dataset, readings=m.readings + delay * m.velocity)
     model, plain = build(Scene(dataset), ("latency",)), build(Scene(dataset), ())
     moved = build(Scene(late), ())
     values = np.array([delay if p.name == "latency" else 0.0 for p in model.parameters])
@@ -459,8 +429,7 @@ def test_latency_is_the_way_gone_since(dataset):
         # a plane's pivot goes along with the late contacts: hold their balls against the plane of before
         touching = before.residual(np.zeros(3), own)
         deeper = before.kind.residual(own, after.motion.points(np.zeros(3))) - touching
-        undone = with_delay.residual(values, own) - touching
-        np.testing.assert_allclose(undone, -deeper, atol=1e-9)
+        np.testing.assert_allclose(with_delay.residual(values, own) - touching, -deeper, atol=1e-9)
         assert np.max(np.abs(deeper)) > 1e-7
     assert "j1_degps" in EFFECTS["latency"].missing(circumstances(with_columns(dataset, velocity=None)))
 
@@ -480,10 +449,8 @@ def test_a_larger_ball_touches_further_out(dataset):
 def spheres(dataset, length, diameter):
     """Contacts with four spheres instead, two of them of one artefact: its length and a diameter."""
     places = [[0.4, -0.1, 0.1], [0.4, 0.1, 0.1], [0.45, -0.1, 0.2], [0.45, 0.1, 0.2]]
-    targets = tuple(
-        Target(f"s{k}", "sphere", {"centre": np.array(place), "diameter": diameter})
-        for k, place in enumerate(places)
-    )
+    values = [{"centre": np.array(place), "diameter": diameter} for place in places]
+    targets = tuple(Target(f"s{k}", "sphere", v) for k, v in enumerate(values))
     papers = (
         Certificate("flat", ("s3",), u_form=1e-6),
         Certificate("diameter", ("s0",), u_distance=1e-6),
@@ -525,16 +492,7 @@ def test_every_paper_between_fitted_targets_may_be_wrong(dataset):
     assert told(spheres(dataset, 0.2, 0.05)) == ball
     role = np.where(dataset.measurements.target == 1, "validate", "calibrate")  # cube.-y is held out
     assert told(with_columns(dataset, role=role)) == square
-    none = circumstances(replace(dataset, certificates=()))
-    assert "certificate" in EFFECTS["artefact"].missing(none)
-
-
-def test_an_arm_cools_while_it_rests_and_warms_up_again():
-    """The warmth of a first-order system whose heat is off from 40 % to 55 %, by small steps."""
-    share, step, warmth = np.linspace(0.0, 1.0, 20001), 1.0 / 20000, [0.0]
-    for s in share[:-1]:
-        warmth.append(warmth[-1] + step * (float(not 0.4 <= s < 0.55) - warmth[-1]) / 0.3)
-    np.testing.assert_allclose(heated(share, 0.4, 0.55, 0.3), warmth, atol=1e-3)
+    assert "certificate" in EFFECTS["artefact"].missing(circumstances(replace(dataset, certificates=())))
 
 
 @pytest.mark.parametrize("coupling", [None, "display", "mechanical"])

@@ -1,40 +1,22 @@
 """An effect is one definition and one entry: a made-up one is added, and no other file names an effect."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 
 import pytest
+from cases import cases, file_text
 from sessions import plain
 
 import bayescal as bc
 from bayescal.effects import ALWAYS, EFFECTS, MODELS, location
 
 ROOT = Path(__file__).parents[2]
-FILE = '''
-"""A cable that pulls the last joint round as the first one turns."""
-
-import numpy as np
-
-from bayescal.effects import Driver, Effect, Parameter, Site, Term
-
-
-def parameters(c):
-    term = Term(c.robot.n, "rz", np.sin(c.q[:, 0]) * np.cos(c.q[:, 3]))
-    site, driver = Site("joint", c.robot.n), Driver("length of the cable")
-    return [Parameter("cable-drag", "rad", (term,), 1e-3, site=site, driver=driver)]
-
-
-PHRASE = ("the last joint", "is pulled by a cable")
-CABLE_DRAG = Effect("cable-drag", "a cable pulls the last joint", parameters, phrase=PHRASE)
-'''
 ENTRY = "[bayescal.effects]\ncable-drag = cable_drag:CABLE_DRAG\n"
 
 
 def test_a_made_up_effect_is_one_file_and_one_entry(tmp_path, monkeypatch):
     """Simulated, fitted, and named by a diagnosis without it, with nothing else changed."""
-    (tmp_path / "cable_drag.py").write_text(FILE)
+    (tmp_path / "cable_drag.py").write_text(file_text("walks/cable_drag.txt"))
     made_up = tmp_path / "cable_drag-1.0.dist-info"
     made_up.mkdir()
     (made_up / "METADATA").write_text("Metadata-Version: 2.1\nName: cable-drag\nVersion: 1.0\n")
@@ -53,28 +35,7 @@ def test_a_made_up_effect_is_one_file_and_one_entry(tmp_path, monkeypatch):
 
 WORDS = {"joint", "tool", "payload", "step", "artefact", "coupling"}
 """Names of effects that are also words of other things: keys, columns and kinds of sites."""
-ALLOWED = {
-    "robots/schema.py": "a field of a robot",
-    "public/functions.py": "default model, without an import of the effects, which takes long",
-    "estimate/estimate.py": "source of a message, where the fit through a compliance does not converge",
-    "model/equilibrium.py": "source of a message, where an arm does not come to rest under its compliance",
-    "estimate/discrepancy.py": "errors of masses act through the compliance",
-    "estimate/families.py": "a discrepancy of faces has the shapes of their form",
-    "estimate/unexplained.py": "the form of uneven faces is fitted with every model",
-    "assess/identifiability.py": "a second tool of a session has unknowns of its own",
-    "gap/search/beam.py": "many effects act through the compliance: it is named before them",
-    "gap/search/cells.py": "generic cells have the shapes and the transitions of known effects",
-    "gap/search/cell_kinds.py": "the form of a face is that of plane-form",
-    "motion/together.py": "the masses of a log act on a session through the compliance",
-    "motion/effects.py": "the list of effects of joint logs, some with the same names",
-    "programs/tools.py": "a program corrects tools with the geometry of the arm",
-    "planning/plan.py": "a plan states which stiffnesses a session determines",
-    "reporting/exports.py": "the parameters of the tool belong to every model",
-    "reporting/fit/__init__.py": "the form of faces is listed apart from the arm",
-    "reporting/text.py": "the uncertainty of the masses is that of the compliance",
-    "exporting": "a format writes each effect in its own way",
-    "verifying": "a format is checked by the effects that it writes",
-}
+ALLOWED = cases("words_of_effects")
 """Modules that name an effect because of its physics, and why."""
 
 
@@ -99,19 +60,15 @@ def test_no_other_module_names_an_effect():
         name = path.relative_to(ROOT / "bayescal").as_posix()
         if not name.startswith("effects/") and (found := own_words(path)):
             naming[name] = found
-    rest = {name: found for name, found in naming.items() if not any(map(name.startswith, ALLOWED))}
-    assert not rest
+    assert not {name: found for name, found in naming.items() if not any(map(name.startswith, ALLOWED))}
     assert not [allowed for allowed in ALLOWED if not any(name.startswith(allowed) for name in naming)]
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("NAMES = ('backlash', 'x')", {"backlash"}),
-        ("from bayescal.effects.readings import GEAR_MESH", {"GEAR_MESH"}),
-        ("'''backlash'''\nfrom bayescal.effects.common import sides\nX = 'step'", set()),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("NAMES = ('backlash', 'x')", {"backlash"}),
+    ("from bayescal.effects.readings import GEAR_MESH", {"GEAR_MESH"}),
+    ("'''backlash'''\nfrom bayescal.effects.common import sides\nX = 'step'", set()),
+])  # fmt: skip
 def test_a_module_that_names_an_effect_is_seen(text, words, tmp_path):
     (tmp_path / "module.py").write_text(text)
     assert own_words(tmp_path / "module.py") == words

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cases import refused
 from scipy.optimize import lsq_linear
-from scipy.stats import chi2, truncnorm
+from scipy.stats import chi2
 from sessions import circumstances, with_columns, with_rows
 
 import bayescal as bc
@@ -23,9 +23,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import Unexplained, repeat_scatter, scatter, unexplained
 from bayescal.gap.candidate_contacts import widened
 from bayescal.gap.search.cells import cells
-from bayescal.model import build
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import FitOptions, Scene, build
 from bayescal.posterior import approximate
 from bayescal.simulation import Options, simulate, touch
 
@@ -71,18 +69,14 @@ def test_the_optimum_is_that_of_an_independent_solver(free, held):
         if p.positive:
             low[k] = -p.centre / p.sd
     best = lsq_linear(rows, right, (low, np.full(size, np.inf)), tol=1e-12).x
-    off = np.abs(held[0].z - best) / free.sd
-    assert np.max(off) < 0.05
+    assert np.max(np.abs(held[0].z - best) / free.sd) < 0.05
     assert np.max(np.abs(best - free.z) / free.sd) > 0.3  # the bound matters here
 
 
 def test_the_uncertainty_stays(free, held):
-    """About the bound, u is that of the fit without it: no less than the moment of what is possible."""
+    """About the bound, u is that of the fit without it."""
     ratio = held[0].sd / free.sd
     assert np.all((ratio > 0.9) & (ratio < 1.1))
-    for below in (0.0, 0.5, 1.0, 2.0):
-        possible = truncnorm(below, np.inf, loc=-below)  # N(-below, 1), given that it is not negative
-        assert possible.moment(2) <= 1.0 + 1e-12
 
 
 def test_draws_are_about_the_bounded_estimate(free, held):
@@ -95,8 +89,7 @@ def test_draws_are_about_the_bounded_estimate(free, held):
 def test_significant_values_are_left():
     """Of an arm whose gravity is stated upside down: its joints seem to turn against their torques."""
     session = bc.simulate(contacts=60, later=0, repeats=0, spheres=0, seed=1).dataset
-    found = calibrated(Scene(replace(session, gravity=-session.gravity), oriented=True), MODEL)
-    out, rigid = bounded(found)
+    out, rigid = bounded(calibrated(Scene(replace(session, gravity=-session.gravity), oriented=True), MODEL))
     u = np.sqrt(np.diag(stated(out).limited)[: len(out.arm)]) * out.model.sd
     below = negative(out.model.parameters, out.arm, u)
     assert {"compliance J2", "compliance J3"} <= {n.parameter for n in below if n.significant}
@@ -143,8 +136,7 @@ def pulled():
     """A session with up to three kilograms on the flange that its table does not state; torques measured."""
     s = simulate(Options(seed=2, contacts=160, repeats=0, later=0, placements=0, noise=NOISE))
     count = len(s.exact.measurements.ids)
-    hidden = np.random.default_rng(0).uniform(0.0, 3.0, count)
-    heavier = with_columns(s.exact, payload=hidden)
+    heavier = with_columns(s.exact, payload=np.random.default_rng(0).uniform(0.0, 3.0, count))
     exact = touch(s.world, heavier, s.shift)
     on_links = s.world.model(exact).scene.moments[:, 1:, 2]
     signs = np.sign(np.diag(exact.robot.link_from_reading))
@@ -163,8 +155,7 @@ def test_a_load_that_only_the_torques_show(pulled):
 
 
 def test_no_masses_are_needed(pulled):
-    robot = replace(pulled.robot, masses=None, centres_of_mass=None)
-    assert scale(replace(pulled, robot=robot)) < 1.15
+    assert scale(replace(pulled, robot=replace(pulled.robot, masses=None, centres_of_mass=None))) < 1.15
 
 
 def test_torques_drive_effects_and_cells(pulled):
@@ -187,9 +178,8 @@ def test_torques_of_coupled_axes(pulled):
     robot = pulled.robot
     torque, rate = np.random.default_rng(1).standard_normal((2, 5, robot.n))
     linked = torques_on_links(replace(robot, coupling="mechanical"), torque)
-    np.testing.assert_allclose(
-        np.sum(linked * (rate @ robot.link_from_reading.T), axis=1), np.sum(torque * rate, axis=1)
-    )
+    power = np.sum(torque * rate, axis=1)
+    np.testing.assert_allclose(np.sum(linked * (rate @ robot.link_from_reading.T), axis=1), power)
     shown = torques_on_links(replace(robot, coupling="display"), torque)
     np.testing.assert_array_equal(np.abs(shown), np.abs(torque))
 
@@ -203,10 +193,9 @@ def test_files_state_them(pulled, tmp_path):
         joined([pulled, replace(pulled, name="other", torques="computed")])
 
 
-@pytest.mark.parametrize(
-    ("torque", "words"),
-    [(lambda t: None, "no columns `j1_nm`"), (lambda t: -t, "`j2_nm`.*: opposite in sign")],
-)
+@pytest.mark.parametrize(("torque", "words"), [
+    (lambda t: None, "no columns `j1_nm`"), (lambda t: -t, "`j2_nm`.*: opposite in sign"),
+])  # fmt: skip
 def test_torques_that_are_missing_or_opposed(pulled, torque, words, tmp_path):
     table = replace(pulled.measurements, torque=torque(pulled.measurements.torque))
     write_dataset(replace(pulled, measurements=table), tmp_path / "session")
@@ -220,25 +209,21 @@ UNEXPLAINED_NOISE, VALIDATE = 6e-6, 60
 
 def fit_that_leaves(ratio: float, dof: float, stated: float = 5e-6):
     """A fit of contacts without repeats whose residuals are `ratio` times as large as stated."""
-    measurements = SimpleNamespace(repeat=None)
-    scene = SimpleNamespace(dataset=SimpleNamespace(measurements=measurements))
+    scene = SimpleNamespace(dataset=SimpleNamespace(measurements=SimpleNamespace(repeat=None)))
     block = SimpleNamespace(name="face", group="contact")
     weights = Weights({"face": np.full(30, stated)}, {"face": np.ones(30)}, {"contact": ratio})
     model = SimpleNamespace(scene=scene, blocks=(block,))
     return SimpleNamespace(model=model, weights=weights, dof={"contact": dof})
 
 
-@pytest.mark.parametrize(
-    ("ratio", "dof", "excess"),
-    [
-        (1.3, 1e5, 0.0),  # a stated noise may be 1.4 times too small
-        (2.0, 1e3, np.sqrt(3.0)),  # the difference of squares
-        (1.45, 20.0, 0.0),  # noise leaves that much in every third such fit
-        (1.8, 20.0, 0.0),  # and that much in 2 of 100
-        (1.95, 20.0, np.sqrt(1.95**2 - 1)),  # and that in 3 of 1000
-        (0.5, 1e3, 0.0),
-    ],
-)
+@pytest.mark.parametrize(("ratio", "dof", "excess"), [
+    (1.3, 1e5, 0.0),  # a stated noise may be 1.4 times too small
+    (2.0, 1e3, np.sqrt(3.0)),  # the difference of squares
+    (1.45, 20.0, 0.0),  # noise leaves that much in every third such fit
+    (1.8, 20.0, 0.0),  # and that much in 2 of 100
+    (1.95, 20.0, np.sqrt(1.95**2 - 1)),  # and that in 3 of 1000
+    (0.5, 1e3, 0.0),
+])  # fmt: skip
 def test_an_excess_is_what_no_noise_explains(ratio, dof, excess):
     found = unexplained(fit_that_leaves(ratio, dof))
     assert found.excess == pytest.approx(excess * 5e-6)
@@ -309,9 +294,8 @@ def test_repeated_points_tell_noise_that_is_larger_than_stated(tracker):
     xyz = session.measurements.xyz.copy()
     xyz[60:] = whole.exact[rows[60:]] + 1.6e-5 * rng.standard_normal((24, 3))
     again = np.where((np.arange(84) < 8) | (np.arange(84) >= 60), rows.astype("<U20"), "")
-    stated = {
-        s: replace(with_columns(session, xyz=xyz, repeat=again), noise=Noise(point=s)) for s in (8e-6, 3e-5)
-    }
+    session = with_columns(session, xyz=xyz, repeat=again)
+    stated = {s: replace(session, noise=Noise(point=s)) for s in (8e-6, 3e-5)}
     found = {s: unexplained(calibrated(Scene(d, oriented=True), MODEL)) for s, d in stated.items()}
     assert found[8e-6].repeats == pytest.approx(1.6e-5, rel=0.2)
     assert found[8e-6].repeats_dof == 3 * 24

@@ -9,9 +9,8 @@ from scipy.sparse import csr_array
 from test_image_noise import misread
 
 from bayescal.assess.images import images
-from bayescal.estimate import STATED_WORTH, linearise
+from bayescal.estimate import STATED_WORTH, calibrated, linearise
 from bayescal.estimate.correlated import Shared
-from bayescal.estimate.estimate import calibrated
 from bayescal.estimate.widths import log_evidence
 from bayescal.model.scene import Scene
 from bayescal.posterior.density import Density

@@ -16,8 +16,7 @@ from bayescal.assess.measurand import parameter
 from bayescal.estimate import STATED_WORTH, calibrated, estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged
-from bayescal.model import with_parameters
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, with_parameters
 
 SESSIONS, U = 200, 10e-6
 NAMES = ("theta2", "theta3", "theta5")
@@ -27,8 +26,7 @@ NAMES = ("theta2", "theta3", "theta5")
 def sessions(tracker):
     """Fits to six points each: values and intervals of three joint offsets, noise over the stated one."""
     dataset = tracker(0, 6).dataset
-    every = calibrated(Scene(dataset), ("geometry",)).model.parameters
-    some = [p for p in every if p.name in NAMES]
+    some = [p for p in calibrated(Scene(dataset), ("geometry",)).model.parameters if p.name in NAMES]
     model = with_parameters(Scene(dataset), ("geometry",), some)
     block, at = model.blocks[0], model.slices[model.blocks[0].target]
     empty = replace(block.kind, xyz=0.0 * block.kind.xyz)

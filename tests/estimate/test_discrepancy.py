@@ -13,7 +13,7 @@ from bayescal.assess.agreement import pair
 from bayescal.assess.inputs import NOISE
 from bayescal.calibration import basis_of
 from bayescal.dataset.join import joined
-from bayescal.estimate import calibrated
+from bayescal.estimate import calibrated, linearise
 from bayescal.estimate.discrepancy import LEAST_WHITE, Inputs, families, inputs, mixed, stated
 from bayescal.estimate.families import COURSES, EFFECT
 from bayescal.estimate.moments import (
@@ -25,10 +25,8 @@ from bayescal.estimate.moments import (
     variances,
     within_poses,
 )
-from bayescal.estimate.solver import linearise
 from bayescal.fitted.unmodelled import Unmodelled
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import FitOptions, Scene
 from bayescal.posterior import gaussian
 from bayescal.statistics import rms
 
@@ -78,8 +76,7 @@ def test_residuals_that_show_an_error_state_it():
     np.testing.assert_allclose(np.sqrt(seen.variances), [1.0, 0.05, 0.8], atol=0.02)
     assert seen.dof == pytest.approx(2.0, abs=0.02)
     # an effect that no model has is no error of masses of ten standard uncertainties
-    wild = Inputs.of("abc", np.eye(3), h, 10.0 * h @ f)
-    assert np.max(wild.variances) == pytest.approx(6.0, rel=0.02)
+    assert np.max(Inputs.of("abc", np.eye(3), h, 10.0 * h @ f).variances) == pytest.approx(6.0, rel=0.02)
 
 
 def test_masses_take_degrees_of_freedom_from_the_residuals(found, monkeypatch):
@@ -161,9 +158,8 @@ def scatter(c, j, e, pose):
 def linear(seed, shared, uneven=False):
     """Rows of poses with an error in common; `uneven`: in proportion to the slope of the first unknown."""
     rng = np.random.default_rng(seed)
-    j = np.repeat(rng.standard_normal((POSES, D)), EACH, axis=0) + 0.3 * rng.standard_normal(
-        (POSES * EACH, D)
-    )
+    j = np.repeat(rng.standard_normal((POSES, D)), EACH, axis=0)
+    j += 0.3 * rng.standard_normal(j.shape)
     error = rng.choice([-1.0, 1.0], POSES)[POSE] * j[:, 0] if uneven else rng.standard_normal(POSES)[POSE]
     y = rng.standard_normal(len(j)) + shared * error
     c = np.linalg.inv(j.T @ j + np.eye(D))
@@ -177,8 +173,7 @@ def test_it_is_the_sum_over_poses_of_what_each_contributes():
     for p in range(POSES):
         own = j[p == POSE]
         values, vectors = np.linalg.eigh(np.eye(EACH) - own @ c @ own.T)
-        delta = c @ own.T @ (vectors / np.sqrt(values)) @ vectors.T @ e[p == POSE]
-        deltas.append(delta)
+        deltas.append(c @ own.T @ (vectors / np.sqrt(values)) @ vectors.T @ e[p == POSE])
     out, plain = sum(np.outer(d, d) for d in deltas), c @ (j.T @ j) @ c
     share = np.trace(c @ j.T @ j) / POSES
     expected = (1 - share) * out + share * plain * np.trace(out) / np.trace(plain)
@@ -195,8 +190,7 @@ def test_without_a_shared_error_the_scatter_is_that_of_independent_residuals():
         shown.append([not by_chance(_deltas(*linear(seed, s, s > 0)[:3]), j @ c) for s in (0.0, 2.0)])
     assert np.mean(found) == pytest.approx(1.0, abs=0.03)
     assert np.sum(shown, axis=0).tolist() == [pytest.approx(0, abs=3), 20]
-    even = np.std(found, axis=1) < 1e-6
-    assert np.sum(even) >= 17
+    assert np.sum(np.std(found, axis=1) < 1e-6) >= 17
 
 
 def _deltas(j, e, c):
@@ -204,8 +198,7 @@ def _deltas(j, e, c):
 
 
 def test_the_complement_raises_a_covariance_where_it_is_too_small():
-    rng = np.random.default_rng(0)
-    by = rng.standard_normal((40, 4))
+    by = np.random.default_rng(0).standard_normal((40, 4))
     by[:, 3] = 0.0  # an unknown of which the residuals say nothing
     plain = by.T @ by
     small = 0.5 * plain
@@ -260,10 +253,8 @@ def problem(seed, size, pose=None, shared=0.0):
     rng = np.random.default_rng(seed)
     pose = np.arange(ROWS) if pose is None else pose
     t = rng.uniform(-1, 1, (ROWS, 2))
-    g = np.column_stack(
-        [np.cos(np.pi * k * t[:, [0]]) for k in range(1, FIRST + 1)]
-        + [np.cos(np.pi * k * t[:, [1]]) for k in range(1, SECOND + 1)]
-    )
+    orders = ((k, axis) for axis, count in ((0, FIRST), (1, SECOND)) for k in range(1, count + 1))
+    g = np.column_stack([np.cos(np.pi * k * t[:, [axis]]) for k, axis in orders])
     j = rng.standard_normal((ROWS, 20))
     d = rng.standard_normal(FIRST + SECOND) * np.sqrt(np.asarray(size)[FAMILY])
     noise = rng.standard_normal(ROWS) + shared * rng.standard_normal(pose.max() + 1)[pose]
@@ -283,8 +274,7 @@ def test_the_variances_of_two_families_are_found_on_average():
 
 
 def test_an_error_that_the_rows_of_a_pose_share_is_no_discrepancy():
-    pose = np.repeat(np.arange(ROWS // 6), 6)
-    assert np.mean(sizes([0.0, 0.0], pose=pose, shared=2.0) > 0) < 0.08
+    assert np.mean(sizes([0.0, 0.0], pose=np.repeat(np.arange(ROWS // 6), 6), shared=2.0) > 0) < 0.08
 
 
 def test_products_within_poses_of_any_size_are_summed():
@@ -356,8 +346,7 @@ def sick(cube):
 
 def test_without_a_discrepancy_the_uncertainty_is_the_plain_one(clean):
     """Except for the errors of masses, of which most unknowns have little."""
-    without = np.diag(clean.covariance) - clean.inputs.variances
-    ratio = np.sqrt(without) / clean.plain.sd
+    ratio = np.sqrt(np.diag(clean.covariance) - clean.inputs.variances) / clean.plain.sd
     assert clean.families == ()
     assert clean.white == 1.0
     assert np.min(ratio) > 1.0 - 1e-9
@@ -391,15 +380,13 @@ def test_residuals_above_the_noise_lower_the_gate(cube):
     """A family is then found that the gate alone would miss, in a session of 150 rows."""
     made = cube(seed=4).dataset
     scene = Scene(misread(made, 2, 1e-3 * np.cos(1.5 * made.measurements.readings[:, 1])))
-    found = stated(calibrated(scene, FULL))
-    assert found.families
+    assert stated(calibrated(scene, FULL)).families
     loud = replace(scene.dataset, noise=replace(scene.dataset.noise, contact=1e-4))
     assert not stated(calibrated(Scene(loud), FULL)).families
 
 
 def test_draws_have_the_covariance_that_is_stated(sick):
-    z = gaussian(sick.plain, 0, 4000).flat
-    drawn = sick.draws(z, np.random.default_rng(0))
+    drawn = sick.draws(gaussian(sick.plain, 0, 4000).flat, np.random.default_rng(0))
     got = np.cov(drawn.T) / np.sqrt(np.outer(*2 * (np.diag(sick.wide.covariance),)))
     want = sick.wide.covariance / np.sqrt(np.outer(*2 * (np.diag(sick.wide.covariance),)))
     assert np.max(np.abs(got - want)) < 0.05
@@ -425,10 +412,8 @@ def test_a_family_explains_what_the_residual_variance_loses(tracker, seed):
     made = tracker(seed, 60).dataset
     scene = Scene(misread(made, 2, 1e-4 * np.cos(3 * made.measurements.readings[:, 1])))
     found = stated(calibrated(scene, FULL))
-    j, (block,) = (
-        linearise(found.wide.model, found.wide.z, found.wide.weights).jacobian,
-        found.plain.model.blocks,
-    )
+    j = linearise(found.wide.model, found.wide.z, found.wide.weights).jacobian
+    (block,) = found.plain.model.blocks
     j = j[np.tile(found.plain.weights.row[block.name], 3) > 0]
     g = j[:, [k for k, p in enumerate(found.wide.model.parameters) if p.effect == EFFECT]]
     j = j[:, found.index]

@@ -8,8 +8,7 @@ import pytest
 from bayescal.effects.probe import shapes
 from bayescal.estimate import estimate
 from bayescal.estimate.unexplained import check_faces
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 
 DRAWS = 200
 
@@ -38,8 +37,7 @@ def test_noise_makes_any_face_of_a_session_uneven_as_often_as_its_p_says(fitted)
 
 
 def test_the_form_of_a_face_is_found_there_with_its_size(fitted):
-    scene = fitted.model.scene
-    face = scene.circumstances().faces[1]
+    face = fitted.model.scene.circumstances().faces[1]
     block = fitted.model.block_of[face.name]
     noise = 1.0 / fitted.weights.whitening(block)
     form = 5.0 * float(np.median(noise)) * shapes(face)[1][2][block.rows]

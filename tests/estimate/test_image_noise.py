@@ -12,15 +12,12 @@ from sessions import with_columns
 from bayescal.assess.shared_causes import _validation_rows
 from bayescal.calibration import fit
 from bayescal.dataset import Noise
-from bayescal.estimate import estimate
+from bayescal.estimate import calibrated, estimate, fitted_level
 from bayescal.estimate.discrepancy import stated
-from bayescal.estimate.estimate import calibrated, fitted_level
 from bayescal.estimate.unexplained import noise_again, unexplained
 from bayescal.estimate.widths import with_widths
 from bayescal.gap.examine import examine
-from bayescal.model import build
-from bayescal.model.options import USUAL
-from bayescal.model.scene import Scene
+from bayescal.model import USUAL, Scene, build
 from bayescal.predict.crossvalidation import IMAGES_LEFT_OUT, validation_errors
 from bayescal.predict.validation import validate
 
@@ -34,9 +31,8 @@ def misread(session, seed, step=STEP):
     m, n = session.measurements, session.robot.n
     error = step * np.random.default_rng(seed).standard_normal((len(m.ids) // len(BOARD), n))
     noise = Noise(pixel=session.noise.pixel, joint=float(step))
-    return replace(
-        with_columns(session, readings=m.readings + np.repeat(error, len(BOARD), axis=0)), noise=noise
-    )
+    readings = m.readings + np.repeat(error, len(BOARD), axis=0)
+    return replace(with_columns(session, readings=readings), noise=noise)
 
 
 def images_of(seed, images=20, **how):
@@ -44,8 +40,7 @@ def images_of(seed, images=20, **how):
 
 
 def test_corners_within_images_tell_the_noise_whatever_the_arm_does():
-    arm = [0.0, 2e-3, -2e-3, 1e-3, 3e-3, 0.0]
-    spoilt = replace(images_of(1, noise=0.3, arm=arm), noise=Noise(pixel=0.2))
+    spoilt = replace(images_of(1, noise=0.3, arm=[0.0, 2e-3, -2e-3, 1e-3, 3e-3, 0.0]), noise=Noise(pixel=0.2))
     nominal = estimate(build(Scene(spoilt), ()))
     (block,) = nominal.model.blocks
     scatter, dof = noise_again(nominal, "pixel")
@@ -70,10 +65,8 @@ def test_the_noise_within_images_has_the_stated_errors_of_readings_and_no_blurre
 
 def test_errors_that_images_share_take_as_many_degrees_of_freedom_as_they_have():
     """Seven unknowns and more follow the errors of twelve images: the noise seemed a fifth smaller."""
-    scale = [
-        calibrated(Scene(misread(images_of(seed, images=12), seed)), ("geometry",)).weights.scale["pixel"]
-        for seed in range(6)
-    ]
+    sessions = (misread(images_of(seed, images=12), seed) for seed in range(6))
+    scale = [calibrated(Scene(session), ("geometry",)).weights.scale["pixel"] for session in sessions]
     assert np.mean(scale) == pytest.approx(1.0, abs=0.1)
 
 
@@ -82,8 +75,7 @@ def test_readings_with_errors_are_no_effect_and_validation_images_are_as_expecte
     found = examine(Scene(session, oriented=True), ("geometry", "compliance"), USUAL)
     assert found.decision.kind == "null"
     assert found.problem.images is not None  # the readings of each are in the covariance of its corners
-    checked = validate(found.fitted, np.tile(found.fitted.z, (400, 1)), np.full((400, 1), 1.0))
-    (points,) = checked.points
+    (points,) = validate(found.fitted, np.tile(found.fitted.z, (400, 1)), np.full((400, 1), 1.0)).points
     one = points.predicted[:, 0, : len(BOARD)]
     assert np.mean(np.corrcoef(one.T)) > 0.4  # of the corners of an image
     assert abs(np.mean(np.corrcoef(one[:, 0], points.predicted[:, 0, -1])[0, 1])) < 0.2
@@ -100,13 +92,11 @@ def test_validation_images_with_errors_of_readings_are_no_outliers():
 
 def test_an_image_is_left_out_as_a_whole():
     session = misread(images_of(5), 5)
-    scene = Scene(session, oriented=True)
-    held = validation_errors(calibrated(scene, ("geometry",)))
+    held = validation_errors(calibrated(Scene(session, oriented=True), ("geometry",)))
     assert held.how == IMAGES_LEFT_OUT
     assert len(np.unique(held.fold)) == 20
-    without = with_columns(
-        session, role=np.where(np.arange(len(session.measurements.ids)) < len(BOARD), "validate", "calibrate")
-    )
+    first = np.arange(len(session.measurements.ids)) < len(BOARD)
+    without = with_columns(session, role=np.where(first, "validate", "calibrate"))
     there = calibrated(Scene(without, oriented=True), ("geometry",))
     rows = np.arange(len(BOARD))
     (block,) = there.model.blocks
@@ -129,8 +119,7 @@ def test_a_wrong_lens_is_told_by_its_family_and_not_by_the_arm(monkeypatch):
     scene = wrong_lens(6.0)
 
     def told():
-        plain = fitted_level(scene, ("geometry",), USUAL)
-        found, _, widths = with_widths(plain, scene, ("geometry",), USUAL)
+        found, _, widths = with_widths(fitted_level(scene, ("geometry",), USUAL), scene, ("geometry",), USUAL)
         (fx,) = (v for v, p in zip(found.arm, found.model.parameters, strict=True) if p.name == "cam fx")
         return [w.family for w in widths], fx
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 from sessions import with_columns
 
-from bayescal.assess.agreement import _same_masses, agreement, difference_covariance, known_directions, pair
+from bayescal.assess.agreement import agreement, difference_covariance, known_directions, pair
 from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE
@@ -20,9 +19,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.families import poses
 from bayescal.estimate.solver import rescaled_weights
 from bayescal.estimate.unexplained import unexplained
-from bayescal.model import ARM, build
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, FitOptions, Scene, build
 from bayescal.simulation import Options, simulate
 
 BOTH = ("geometry", "compliance")
@@ -72,10 +69,8 @@ def test_joint_fit_is_the_concatenated_problem():
 
     def residuals(z):
         ends = np.cumsum([arm, *sizes])
-        parts = [
-            whitened(m, w, np.concatenate([z[:arm], z[low:high]]))
-            for m, w, low, high in zip(models, weights, ends[:-1], ends[1:], strict=True)
-        ]
+        each = zip(models, weights, ends[:-1], ends[1:], strict=True)
+        parts = [whitened(m, w, np.concatenate([z[:arm], z[low:high]])) for m, w, low, high in each]
         return np.concatenate([*parts, z])
 
     found = least_squares(residuals, np.zeros(arm + sum(sizes)), jac="3-point", x_scale="jac", xtol=1e-14)
@@ -112,8 +107,7 @@ def test_planes_keep_their_own_poses():
     for one in made:
         for t in one.world.targets:
             block = model.block_of[f"{one.dataset.name}:{t.name}"]
-            at = model.slices[block.target]
-            normal, offset = block.kind.normal_and_offset(block.state(together.z[at]))
+            normal, offset = block.kind.normal_and_offset(block.state(together.z[model.slices[block.target]]))
             points = model.scene.points[block.rows]
             found, true = points @ normal - offset, points @ t.values["normal"] - t.values["offset"]
             moved.append(t.values["normal"] @ MIDDLE - t.values["offset"])
@@ -134,8 +128,7 @@ def test_sessions_of_one_arm_agree_and_of_two_do_not():
     assert np.any(second != first)
     assert same.furthest.max() < 5
     # stated uncertainties: with the scatter of the poses, which is itself uncertain
-    gained = same.together[1] / np.min([sd for _, sd in same.alone.values()], axis=0)
-    assert np.median(gained) < 0.95
+    assert np.median(same.together[1] / np.min([sd for _, sd in same.alone.values()], axis=0)) < 0.95
     three = agreement(estimate(build(Scene(joined((a, b, other))), BOTH)), BOTH)
     apart = {p.sessions: p.disagree for p in three.pairs}
     assert apart == {("A", "B"): False, ("A", "C"): True, ("B", "C"): True}
@@ -207,12 +200,10 @@ def test_each_session_drifts_its_own_way():
     values = dict(zip(model.names, model.physical(found.z), strict=True))
     units = np.concatenate([model.sd, *(b.sd for b in model.states)])
     sd = dict(zip(model.names, found.sd * units, strict=True))
-    true = {
-        f"{m.dataset.name}:{p['name']}": np.radians(p["value_deg"])
-        for m in made
-        for p in m.truth["parameters"]
-        if p["effect"] == "thermal-drift" and "value_deg" in p
-    }
+    entries = [
+        (m.dataset.name, p) for m in made for p in m.truth["parameters"] if p["effect"] == "thermal-drift"
+    ]
+    true = {f"{name}:{p['name']}": np.radians(p["value_deg"]) for name, p in entries if "value_deg" in p}
     score = np.array([(values[name] - true[name]) / sd[name] for name in true])
     assert np.max(np.abs(score)) < 4.5
     told = [name for name in true if sd[name] < 0.2 * abs(true[name])]
@@ -233,9 +224,8 @@ def test_a_step_ends_with_its_session(circumstances):
     for at, s in ((10, rows[0]), (first + 11, rows[1])):
         steps = [p for p in parameters_of((f"step@{at}",), c) if p.effect == "step"]
         assert {p.name.split(":")[0] for p in steps} == {s.name}
-        assert list(np.flatnonzero(steps[0].terms[0].driver)) == list(
-            range(at - 1, np.flatnonzero(s.rows)[-1] + 1)
-        )
+        after = np.flatnonzero(steps[0].terms[0].driver)
+        np.testing.assert_array_equal(after, np.arange(at - 1, np.flatnonzero(s.rows)[-1] + 1))
     moments = EFFECTS["step"].scan.values(c)
     assert np.all(np.isin(moments - 1, c.fitted))
     starts = [c.fitted[s.rows[c.fitted]][0] + 1 for s in rows]
@@ -248,8 +238,7 @@ def test_a_drift_by_time_needs_one_session_with_a_clock(circumstances):
     names = {p.name for p in parameters_of(("thermal-drift",), replace(still, time=time))}
     assert "A:thermal-drift J2 by time" in names
     assert not any(n.startswith("B:") for n in names)
-    warming = {p.name for p in parameters_of(("thermal-drift@600",), replace(still, time=time))}
-    assert warming == names
+    assert {p.name for p in parameters_of(("thermal-drift@600",), replace(still, time=time))} == names
     with pytest.raises(BayescalError, match="no temperature_c"):
         parameters_of(("thermal-drift",), replace(still, time=np.zeros(len(time))))
 
@@ -258,10 +247,9 @@ def test_every_tied_session_stands_on_a_base_of_its_own():
     a, b = pair_of_one_arm()
     known = replace(a, targets=tuple(replace(t, u=1e-5, u_angle=1e-5) for t in a.targets))
     placed = replace(b, targets=tuple(replace(t, u=1e-5, u_angle=1e-5) for t in b.targets))
-    bases = {
-        label: [p.name for p in build(Scene(joined(pair)), BOTH).parameters if p.site == BASE]
-        for label, pair in {"none": (a, b), "first": (known, b), "both": (known, placed)}.items()
-    }
+    pairs = {"none": (a, b), "first": (known, b), "both": (known, placed)}
+    models = {label: build(Scene(joined(pair)), BOTH) for label, pair in pairs.items()}
+    bases = {label: [p.name for p in m.parameters if p.site == BASE] for label, m in models.items()}
     assert bases["none"] == []
     assert [n.split(":")[0] for n in bases["first"]] == ["A"] * 6
     assert [n.split(":")[0] for n in bases["both"]] == ["A"] * 6 + ["B"] * 6
@@ -290,8 +278,7 @@ def test_planes_of_one_session_and_points_of_another_are_one_arm(cube, tracker):
     """Of other kinds, with other noise stated, and the arm's true values in reach of both together."""
     planes, points = cube(seed=3), tracker(seed=3)
     assert planes.arm.values == pytest.approx(points.arm.values)
-    both = joined((planes.dataset, points.dataset))
-    found = estimate(build(Scene(both), BOTH))
+    found = estimate(build(Scene(joined((planes.dataset, points.dataset))), BOTH))
     groups = {f"contact of {planes.dataset.name}", f"point of {points.dataset.name}"}
     assert set(found.weights.scale) == groups
     compared = agreement(found, BOTH)
@@ -299,11 +286,8 @@ def test_planes_of_one_session_and_points_of_another_are_one_arm(cube, tracker):
     assert compared.pairs[0].directions > 15
     two = compared.pairs[0]
     assert two.p_value == pytest.approx(chi2.sf(two.chi2, two.directions), rel=1e-6)
-    score = [
-        (value - planes.arm.values[name]) / sd
-        for name, value, sd in zip(compared.names, *compared.together, strict=True)
-        if name in planes.arm.values
-    ]
+    each, true = zip(compared.names, *compared.together, strict=True), planes.arm.values
+    score = [(value - true[name]) / sd for name, value, sd in each if name in true]
     assert len(score) > 20
     assert np.max(np.abs(score)) < 4.5
     assert np.all(compared.together[1] < 1.1 * np.min([sd for _, sd in compared.alone.values()], axis=0))
@@ -316,8 +300,7 @@ def test_rows_of_one_stop_one_repeat_or_equal_readings_are_of_one_pose(cube):
     m = cube(seed=3, count=24).dataset.measurements
     n = len(m.ids)
     rows = np.arange(n)
-    alone = replace(m, stop=None, repeat=None)
-    assert len(np.unique(poses(alone, rows))) == n
+    assert len(np.unique(poses(replace(m, stop=None, repeat=None), rows))) == n
 
     readings = m.readings.copy()
     readings[4] = readings[3]
@@ -328,8 +311,7 @@ def test_rows_of_one_stop_one_repeat_or_equal_readings_are_of_one_pose(cube):
     assert len(set(found[[3, 4, 5, 9]])) == 1  # a chain of three different reasons
     assert len(np.unique(found)) == n - 3
     # of other rows of the session the same, and rows may be given more than once
-    some = np.array([9, 3, 3, 7])
-    assert len(np.unique(poses(linked, some))) == 3
+    assert len(np.unique(poses(linked, np.array([9, 3, 3, 7])))) == 3
 
 
 # --- The noise scale of a fit, between its residuals and what was stated.
@@ -349,14 +331,3 @@ def test_stated_noise_counts_as_eight_contacts_more(cube):
         assert dof[group] == pytest.approx(count)
         every = np.concatenate([np.full(count, factor), np.ones(8)])
         assert found.scale[group] == pytest.approx(np.sqrt(np.mean(every**2)))
-
-
-def test_masses_of_two_sessions_are_the_same_where_the_tools_are():
-    def session(mass):
-        tool = SimpleNamespace(mass=mass, centre=(0.0, 0.0, 0.1), centre_of_mass=None)
-        scene = SimpleNamespace(dataset=SimpleNamespace(tools=(tool,)))
-        plain = SimpleNamespace(model=SimpleNamespace(scene=scene))
-        return SimpleNamespace(plain=plain, inputs=SimpleNamespace(names=("mass of link 2",)))
-
-    assert _same_masses(session(1.0), session(1.0))
-    assert not _same_masses(session(1.0), session(2.0))

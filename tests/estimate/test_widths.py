@@ -78,8 +78,7 @@ def test_stated_priors_stay_where_they_are_right(tracker):
 
 
 def test_priors_that_are_too_wide_stay(tracker):
-    session = tracker(seed=2, count=40, noise=1e-4, spread=0.2)
-    plain, same, _, found = told(session)
+    plain, same, _, found = told(tracker(seed=2, count=40, noise=1e-4, spread=0.2))
     assert same is plain
     assert not found
 
@@ -116,8 +115,7 @@ def test_one_joint_that_larger_noise_hides(tracker):
 def test_large_residuals_alone_widen_nothing(tracker):
     """Noise ten times as large as stated has no width."""
     session = tracker(seed=0, count=40, noise=1e-4)
-    stated_noise = replace(session.dataset, noise=replace(session.dataset.noise, point=1e-5))
-    scene = Scene(stated_noise, oriented=True)
+    scene = Scene(replace(session.dataset, noise=replace(session.dataset.noise, point=1e-5)), oriented=True)
     plain = fitted_level(scene, MODEL, USUAL)
     assert plain.weights.scale["point"] > widths.LARGE
     same, options, found = with_widths(plain, scene, MODEL, USUAL)
@@ -133,16 +131,12 @@ def test_a_common_factor_is_one_sentence():
     assert widths.sentences(()) == ()
 
 
-@pytest.fixture
-def spread():
-    """Of an estimate of six parameters in two families, one of which has two members."""
+def test_the_evidence_is_the_density_of_the_estimate():
+    # of an estimate of six parameters in two families, one of which has two members
     rng = np.random.default_rng(1)
     root = rng.standard_normal((6, 9))
     by = [rng.standard_normal((6, k)) for k in (2, 4)]
-    return Spread(4.0 * rng.standard_normal(6), root @ root.T / 9, tuple(b @ b.T for b in by))
-
-
-def test_the_evidence_is_the_density_of_the_estimate(spread):
+    spread = Spread(4.0 * rng.standard_normal(6), root @ root.T / 9, tuple(b @ b.T for b in by))
     at = np.array([0.4, 1.1])
     own = np.exp(2 * at)
     total = spread.noise + own[0] * spread.by_family[0] + own[1] * spread.by_family[1]
@@ -175,8 +169,7 @@ def test_a_spread_is_that_of_the_estimator(tracker):
 
 
 def test_families_are_of_joints_and_links(tracker):
-    scene = Scene(tracker(seed=0).dataset)
-    every = parameters_of((*MODEL, "base-compliance", "step"), scene.circumstances())
+    every = parameters_of((*MODEL, "base-compliance", "step"), Scene(tracker(seed=0).dataset).circumstances())
     assert {family(p) for p in every} - {""} == FAMILIES
     assert {p.site.kind for p in every if not family(p)} >= {"base", "tool"}
 
@@ -203,11 +196,9 @@ def test_widths_are_stated(far):
 def test_far_from_nominal_is_by_the_stated_priors(far):
     """A wider prior does not excuse a value that the robot file may have wrong."""
     model, z = far.final.estimate.model, far.final.estimate.z
-    beyond = [
-        p.name
-        for p, at in zip(model.parameters, z, strict=False)
-        if abs(at) * far.options.widths.get(family(p), 1.0) > 4
-    ]
+    factors = [far.options.widths.get(family(p), 1.0) for p in model.parameters]
+    far_off = zip(model.parameters, z, factors, strict=False)
+    beyond = [p.name for p, at, factor in far_off if abs(at) * factor > 4]
     assert beyond
     assert not np.any(np.abs(z[: len(model.parameters)]) > 4)
     (finding,) = [f for f in far.findings if f.code == "far_from_nominal"]
@@ -230,8 +221,7 @@ def test_levels_have_the_same_widths(far, monkeypatch):
         return usable(scene, effects, options)
 
     monkeypatch.setattr(widths, "fitted_level", narrow)
-    plain = widths.simpler_level(scene, ("geometry",), far.options)
-    assert np.max(plain.model.sd) < max(final.values())
+    assert np.max(widths.simpler_level(scene, ("geometry",), far.options).model.sd) < max(final.values())
     monkeypatch.setattr(widths, "fitted_level", lambda *_: narrow(scene, (), far.options))
     with pytest.raises(BayescalError, match="no length"):
         widths.simpler_level(scene, ("geometry",), USUAL)
@@ -243,8 +233,7 @@ def test_an_arm_keeps_its_widths(far, tmp_path):
     again = read_arm(tmp_path)
     assert again.origin.options.widths == far.options.widths
     np.testing.assert_allclose(again.model.sd, arm.model.sd, rtol=1e-12)
-    less = refitted(again, (), ("compliance J6",))
-    assert less.origin.options.widths.keys() == far.options.widths.keys()
+    assert refitted(again, (), ("compliance J6",)).origin.options.widths.keys() == far.options.widths.keys()
 
 
 def test_a_fit_that_wider_priors_do_not_permit_has_the_stated_ones(tracker, monkeypatch):
@@ -273,9 +262,8 @@ def test_nothing_is_told_by_few_nats(tracker):
         places.setdefault(family(p), []).append(k)
     places.pop("", None)
     free = [list(places).index(w.family) for w in more]
-    spread = Spread.of(
-        replace(plain, z=6.0 * plain.z), plain.covariance, [np.array(o) for o in places.values()]
-    )
+    members = [np.array(o) for o in places.values()]
+    spread = Spread.of(replace(plain, z=6.0 * plain.z), plain.covariance, members)
     middle, sd = spread.best(free)[0][free], np.sqrt(spread.uncertainty(spread.best(free)[0], free))
     drawn = np.exp(middle + sd * np.random.default_rng(0).standard_normal((40_000, len(free))))
     np.testing.assert_allclose([w.factor for w in more], np.sqrt(np.mean(drawn**2, axis=0)), rtol=0.03)

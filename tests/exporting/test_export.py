@@ -38,9 +38,8 @@ def run(fitted):
     return fitted[1]
 
 
-def test_a_file_and_its_sidecar(run, tmp_path, command):
-    code, text, errors = command("export", run, "--to", "urdf", "--out", tmp_path / "arm.urdf")
-    assert code == 0, errors
+def test_a_file_and_its_sidecar(run, tmp_path, output_of):
+    text = output_of("export", run, "--to", "urdf", "--out", tmp_path / "arm.urdf")
     assert "parameters of the arm" in text
     assert "not in the file" in text
     assert "alternative      --without compliance fits the session again" in text
@@ -61,18 +60,13 @@ def test_a_file_and_its_sidecar(run, tmp_path, command):
 
 
 @pytest.mark.parametrize(("arguments", "message"), cases("export_refusals"))
-def test_bad_input_is_one_line(run, tmp_path, command, arguments, message):
-    code, _, errors = command("export", run, *arguments, "--out", tmp_path / "arm")
-    assert code == 1
-    assert message in errors
-    assert errors.count("\n") == 1
+def test_bad_input_is_one_line(run, tmp_path, error_of, arguments, message):
+    assert message in error_of("export", run, *arguments, "--out", tmp_path / "arm")
     assert not list(Path(tmp_path).iterdir())
 
 
-def test_no_run(tmp_path, command):
-    code, _, errors = command("export", tmp_path, "--to", "urdf")
-    assert code == 1
-    assert "there is no arm.json" in errors
+def test_no_run(tmp_path, error_of):
+    assert "there is no arm.json" in error_of("export", tmp_path, "--to", "urdf")
 
 
 def test_a_result_in_memory_is_its_run_folder(fitted):
@@ -112,8 +106,7 @@ def test_a_file_of_the_user_is_not_overwritten(table, tmp_path, name):
 def test_an_unchanged_export_is_replaced_and_a_changed_one_is_kept(table, tmp_path):
     table.save(tmp_path / "arm.csv")
     table.save(tmp_path / "arm.csv")
-    record = json.loads((tmp_path / "arm.csv.bayescal.json").read_text())
-    assert list(record["beside"]) == ["arm.json"]
+    assert list(json.loads((tmp_path / "arm.csv.bayescal.json").read_text())["beside"]) == ["arm.json"]
     (tmp_path / "arm.json").write_text("edited")
     before = contents(tmp_path)
     refused(r"arm\.json: exists and is no unchanged export", lambda: table.save(tmp_path / "arm.csv"))
@@ -163,8 +156,7 @@ def test_no_file_is_without_its_sidecar_after_a_kill(table, arm, tmp_path, monke
         if complete:
             read_sidecar(path)
         else:
-            interrupted = r"the export was interrupted before arm\.\w+ was in place"
-            refused(interrupted, lambda: read_sidecar(path))
+            refused(r"the export was interrupted before arm\.\w+ was in place", lambda: read_sidecar(path))
     table.save(path)
     assert contents(tmp_path).keys() == files
     assert "replaces" not in read_sidecar(path)
@@ -274,15 +266,13 @@ def test_ur_calibration_of_an_arm_that_the_manufacturer_calibrated(ur, tmp_path)
     readings, record = ur.dataset.measurements.readings, out.record("mine.yaml")
     flange = wrist(out.written.content, readings) @ np.array(record["flange_in_tip"])
     flange = np.array(record["root_in_f0"]) @ flange
-    own = calibrated_frames(ur)[:, -1]
-    np.testing.assert_allclose(flange, own, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(flange, calibrated_frames(ur)[:, -1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
 
 
 def test_the_tool_in_a_tip_that_is_not_the_flange(ur, tmp_path):
     """The nominal file of an arm whose last frame is 5 mm before the flange."""
-    short = FACTORY | {"wrist_3": (0, 0.0946, 0, *FACTORY["wrist_3"][3:])}
-    out = patched(ur, tmp_path, short)
+    out = patched(ur, tmp_path, FACTORY | {"wrist_3": (0, 0.0946, 0, *FACTORY["wrist_3"][3:])})
     tool = out.record("mine.yaml")["tools"][0]
     away = np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"])
     np.testing.assert_allclose(away, [0, 0, 5.0], atol=1e-4)
@@ -291,8 +281,7 @@ def test_the_tool_in_a_tip_that_is_not_the_flange(ur, tmp_path):
     readings = ur.dataset.measurements.readings
     tips = (wrist(out.written.content, readings) @ [*(1e-3 * np.array(tool["centre_in_tip_mm"])), 1.0])[:, :3]
     np.testing.assert_allclose(tips, ur.at(readings).points, rtol=0, atol=1e-7)
-    alone = export(ur, "ur-yaml")
-    assert not any("is not the flange" in note for note in alone.notes)
+    assert not any("is not the flange" in note for note in export(ur, "ur-yaml").notes)
 
 
 def test_ur_calibration_of_another_arm_is_refused(ur, tmp_path):

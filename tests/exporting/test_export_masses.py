@@ -25,11 +25,8 @@ from bayescal.exporting import FORMATS
 from bayescal.exporting.export import export
 from bayescal.exporting.geometry import constant_displacements
 from bayescal.exporting.robot import calibrated_robot
-from bayescal.model import ARM, build
-from bayescal.model.scene import Scene
-from bayescal.robots import load_robot
-from bayescal.robots.schema import robot_to_yaml
-from bayescal.robots.urdf import robot_from_urdf
+from bayescal.model import ARM, Scene, build
+from bayescal.robots import load_robot, robot_from_urdf, robot_to_yaml
 
 HALF = 0.5 * np.pi
 
@@ -97,8 +94,7 @@ def test_gravity_torques_of_a_urdf(name):
 @pytest.mark.parametrize("name", ARMS)
 def test_gravity_torques_of_an_sdf(name):
     arm = ARMS[name]()
-    out = export(arm, "sdf", force=True)
-    model = ET.fromstring(out.written.content).find("model")
+    model = ET.fromstring(export(arm, "sdf", force=True).written.content).find("model")
     joints = {j.findtext("child"): j for j in model.findall("joint")}
     turns = arm.dataset.measurements.readings[:5] @ arm.dataset.robot.link_from_reading.T
     for turn, wanted in zip(turns, expected(arm, True), strict=True):
@@ -150,10 +146,9 @@ FACTORS = {"mm": 1e3, "deg": 180.0 / np.pi, "urad/(N m)": 1e6, "kg": 1.0, "kg mm
 
 def written_values(arm):
     """Values and u of the parameters, in every unit that has a factor, by name."""
-    u = np.sqrt(np.diag(arm.covariance))
+    each = zip(arm.model.parameters, arm.values, np.sqrt(np.diag(arm.covariance)), strict=True)
     return {
-        p.name: {unit: ((p.nominal + v) * f, own * f) for unit, f in FACTORS.items()}
-        for p, v, own in zip(arm.model.parameters, arm.values, u, strict=True)
+        p.name: {unit: ((p.nominal + v) * f, own * f) for unit, f in FACTORS.items()} for p, v, own in each
     }
 
 
@@ -368,21 +363,18 @@ def test_rows_move_as_the_model(cube, convention, tied):
         session = replace(session, robot=replace(session.robot, convention="dh"))
     if tied:
         targets = tuple(replace(t, u=1e-3, u_angle=1e-3) for t in session.targets)
-        tools = tuple(replace(t, u=1e-3) for t in session.tools)
-        session = replace(session, targets=targets, tools=tools)
+        session = replace(session, targets=targets, tools=tuple(replace(t, u=1e-3) for t in session.tools))
     scene = Scene(session)
     model = build(scene, ("geometry",))
     found = estimate(build(Scene(cube(seed=1, count=60).dataset), ("geometry",)))
-    rng = np.random.default_rng(0)
-    fake = replace(found, model=model, z=2.0 * rng.standard_normal(model.size))
+    fake = replace(found, model=model, z=2.0 * np.random.default_rng(0).standard_normal(model.size))
     robot = calibrated_robot(fake.model, fake.arm)
     values = model.deviations(fake.z[model.slices[ARM]])
     tool = scene.tools[0].copy()
     for value, p in zip(values, model.parameters, strict=True):
         if p.effect == "tool":
             tool["xyz".index(p.name[-1])] += value
-    rows = np.arange(len(scene.q))
-    expected = points_reference(model.motion(rows), values).T
+    expected = points_reference(model.motion(np.arange(len(scene.q))), values).T
     q = link_angles(robot, session.measurements.readings)
     np.testing.assert_allclose(points(chain_of(robot), q, tool), expected, atol=1e-12)
 
@@ -501,8 +493,7 @@ def test_a_joint_that_turns_without_end_has_no_limits_in_the_files(tmp_path):
     assert again.limits == pytest.approx(arm.dataset.robot.limits)
     texts = {to: export(arm, to, force=True).written.content for to in ("urdf", "sdf", "mjcf")}
     for to in ("urdf", "sdf"):
-        joints = ET.fromstring(texts[to]).iter("joint")
-        (joint,) = (j for j in joints if j.get("type") == "continuous")
+        (joint,) = (j for j in ET.fromstring(texts[to]).iter("joint") if j.get("type") == "continuous")
         assert joint.get("name") == name
         assert "lower" not in ET.tostring(joint, "unicode")
     assert robot_from_urdf(texts["urdf"].encode(), "arm.urdf").unlimited.tolist() == endless.tolist()

@@ -18,8 +18,7 @@ from bayescal.estimate import estimate
 from bayescal.exporting.export import export
 from bayescal.exporting.hand_eye import hand_eyes
 from bayescal.fitted.arm import of_estimate, of_fit
-from bayescal.model import USUAL, build
-from bayescal.model.scene import Scene
+from bayescal.model import USUAL, Scene, build
 from factors.camera import NAMES
 from factors.kind import rotation_vector
 
@@ -80,9 +79,8 @@ def test_the_covariance_of_the_fixed_frame_is_that_of_the_fit(exported):
     by = np.array([off(a, b) / 2e-6 for a, b in zip(*ends, strict=True)]).T
     expected = by @ found.covariance[part, part] @ by.T
     size = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        here.fixed.covariance / np.outer(size, size), expected / np.outer(size, size), atol=0.03
-    )
+    whole = np.outer(size, size)
+    np.testing.assert_allclose(here.fixed.covariance / whole, expected / whole, atol=0.03)
     known = replace(arm, covariance=np.zeros_like(arm.covariance))
     half = replace(known, rejected=arm.dataset.measurements.ids[::2])
     fewer, all_rows = (np.trace(hand_eyes(of)[0].fixed.covariance) for of in (half, known))
@@ -147,8 +145,7 @@ def shifted(mount, row, held, base):
     m, chain = session.measurements, chain_of(session.robot)
     tool = base @ frames(chain, link_angles(session.robot, m.readings))[:, -1] @ ON_FLANGE @ held
     seen = np.linalg.inv(tool) @ FIXED[mount] if mount == "flange" else np.linalg.inv(FIXED[mount]) @ tool
-    corner = BOARD[m.pixel[:, 2].astype(int)]
-    at = np.einsum("nij,nj->ni", seen[:, :3, :3], corner) + seen[:, :3, 3]
+    at = np.einsum("nij,nj->ni", seen[:, :3, :3], BOARD[m.pixel[:, 2].astype(int)]) + seen[:, :3, 3]
     noise = 0.1 * np.random.default_rng(1).standard_normal((len(at), 2))
     pixel = m.pixel.copy()
     pixel[row:, :2] = (at[:, :2] / at[:, 2:] * FOCAL + CENTRE + noise)[row:]
@@ -194,10 +191,8 @@ def test_what_slipped_is_where_it_is_at_the_end(mount, site):
 
     by = np.array([off(located(arm.values - s), located(arm.values + s)) / 2e-7 for s in steps]).T
     (known,) = hand_eyes(replace(arm, covariance=0.0 * arm.covariance))
-    expected, size = (
-        known.fixed.covariance + by @ arm.covariance @ by.T,
-        np.sqrt(np.diag(ends[-1][1].covariance)),
-    )
+    expected = known.fixed.covariance + by @ arm.covariance @ by.T
+    size = np.sqrt(np.diag(ends[-1][1].covariance))
     apart = (ends[-1][1].covariance - expected) / np.outer(size, size)
     np.testing.assert_allclose(apart, 0.0, atol=5e-3)  # of a slip of 0.3 mm and mrad
 
@@ -244,6 +239,5 @@ def test_a_fit_states_the_transforms_and_the_lens_itself(tmp_path):
     assert k1["nominal"] == pytest.approx(-0.001)
     assert "hand-eye" in str(fit)
     fit.save(tmp_path / "run", pictures=False)
-    assert json.loads((tmp_path / "run" / "arm.json").read_text())["hand_eye"] == json.loads(
-        json.dumps(fit.record["hand_eye"])
-    )
+    written = json.loads((tmp_path / "run" / "arm.json").read_text())["hand_eye"]
+    assert written == json.loads(json.dumps(fit.record["hand_eye"]))

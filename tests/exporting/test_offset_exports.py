@@ -113,9 +113,8 @@ def test_ros2_control(arm):
     assert [j.get("name") for j, _ in parts] == list(arm.dataset.robot.joint_names)
     assert {plugin for _, plugin in parts} == {"transmission_interface/SimpleTransmission"}
     truth, readings = flange_of_zeros(arm)
-    reduction, offset = (
-        np.array([float(j.findtext(tag)) for j, _ in parts]) for tag in ("mechanical_reduction", "offset")
-    )
+    tags = ("mechanical_reduction", "offset")
+    reduction, offset = (np.array([float(j.findtext(tag)) for j, _ in parts]) for tag in tags)
     np.testing.assert_allclose(nominal_flange(arm, readings / reduction + offset), truth, atol=1e-12)
 
 

@@ -7,9 +7,8 @@ from cases import refused
 import bayescal as bc
 from analysis.world import two_arms
 from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.dataset import read_dataset
+from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.target_kinds import plannable
-from bayescal.dataset.write import write_dataset
 from bayescal.robots import load_robot
 
 CHAIN = "left_flange..right_flange"
@@ -53,8 +52,7 @@ def test_a_new_urdf_reads_back(run, tmp_path):
     bc.export(path, "robot.yaml").save(tmp_path / "arms.yaml")
     files = [load_robot(name, tmp_path)[0] for name in ("arms.urdf#in_f0..flange", "arms.yaml")]
     q = rng.uniform(-1, 1, (4, 12))
-    poses = [frames(chain_of(r), link_angles(r, q))[:, -1] for r in files]
-    np.testing.assert_allclose(*poses, atol=1e-9)
+    np.testing.assert_allclose(*[frames(chain_of(r), link_angles(r, q))[:, -1] for r in files], atol=1e-9)
     for read in files:
         assert read.ground.link == robot.ground.link
         assert read.ground.mass == pytest.approx(robot.ground.mass)

@@ -84,8 +84,7 @@ def test_a_new_urdf_moves_as_the_geometry(name):
     arm = fake(session_of(name), ("geometry",))
     out = export(arm, "urdf", name="arm")
     found = check_moves(arm, out, "flange")
-    own = arm.at(arm.dataset.measurements.readings)
-    at_tool = (own.flange @ np.append(POINT, 1.0))[:, :3]
+    at_tool = (arm.at(arm.dataset.measurements.readings).flange @ np.append(POINT, 1.0))[:, :3]
     np.testing.assert_allclose(found, at_tool, rtol=0, atol=1e-9)
     assert not out.missing
 
@@ -116,9 +115,8 @@ def test_a_symmetric_arm_keeps_the_senses_of_its_readings(tmp_path, turn):
     text = export(arm, "urdf").written.content
     links = [e.get("name") for e in ET.fromstring(text).iter("link")]
     stand = joint("stand", "cell", links[0], "fixed", xyz=(0.2, 0, 0.7), rpy=(0, 0, np.radians(turn)))
-    into = saved(
-        tmp_path, text.replace("</robot>", f"{link('cell')}{stand}</robot>"), f"cell.urdf#{links[-1]}"
-    )
+    scene = text.replace("</robot>", f"{link('cell')}{stand}</robot>")
+    into = saved(tmp_path, scene, f"cell.urdf#{links[-1]}")
     out = export(arm, "urdf", into=into)
     np.testing.assert_array_equal(out.record("a")["joint_from_reading"], np.eye(7))
     check_moves(arm, out, links[-1])
@@ -154,8 +152,7 @@ def test_a_calibrated_file_is_patched_again(arm, tmp_path, degrees):
 def test_an_earlier_calibration_of_the_zeros_is_undone_exactly(arm, tmp_path):
     """Zeros of all joints, also of the first and the last one, which move no other axis."""
     xml = XmlText(LRMATE, "arm.urdf")
-    zeros = np.radians([1.2, -0.5, 0.66, 0.3, -0.4, 0.9])
-    for k, zero in enumerate(zeros, start=1):
+    for k, zero in enumerate(np.radians([1.2, -0.5, 0.66, 0.3, -0.4, 0.9]), start=1):
         joint = next(e for e in xml.root.iter("joint") if e.get("name") == f"joint_{k}")
         axis = np.array(joint.find("axis").get("xyz").split(), float)
         origin = joint.find("origin")
@@ -243,8 +240,7 @@ def test_drift_is_written_at_a_state_and_its_change_is_told():
         check_moves(arm, out, "flange", row)
         assert {m.effect for m in out.missing} == {"thermal-drift", "step"}
         assert all(m.why.startswith("changes during the session") for m in out.missing)
-    at_time = export(arm, "urdf", time=float(m.time[0]), name="arm")
-    assert at_time.written.content == outs[0].written.content
+    assert export(arm, "urdf", time=float(m.time[0]), name="arm").written.content == outs[0].written.content
 
 
 @pytest.mark.parametrize("outliers", [0, 5])

@@ -46,8 +46,7 @@ def flange(stage, record, readings):
             joint = joints[body]
             turn = np.eye(4)
             if joint.GetPrim().IsA(UsdPhysics.RevoluteJoint):
-                axis = UsdPhysics.RevoluteJoint(joint).GetAxisAttr().Get()
-                about = "XYZ".index(axis)
+                about = "XYZ".index(UsdPhysics.RevoluteJoint(joint).GetAxisAttr().Get())
                 vector = np.eye(3)[about] * row[number[joint.GetPrim().GetName()]]
                 turn[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
             pose = pose @ frame(joint, 0) @ turn @ np.linalg.inv(frame(joint, 1))
@@ -75,8 +74,7 @@ def test_flange_of_the_calibrated_arm(arm):
 
 def test_bodies_stand_where_the_joints_put_them(arm):
     """Transforms of the links at zero readings agree with the joints: a viewer shows the same arm."""
-    out = export(arm, "usd")
-    stage = opened(out.written.content)
+    stage = opened(export(arm, "usd").written.content)
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and UsdPhysics.Joint(prim).GetBody0Rel().GetTargets():
             joint = UsdPhysics.Joint(prim)
@@ -97,8 +95,7 @@ def test_limits_masses_and_units(arm):
     expected = np.where(upright[:, None], robot.limits, -robot.limits[:, ::-1])
     np.testing.assert_allclose(limits, np.degrees(expected), rtol=1e-6)
     bodies = [UsdPhysics.MassAPI(p) for p in stage.Traverse() if p.HasAPI(UsdPhysics.MassAPI)]
-    masses = [body.GetMassAttr().Get() for body in bodies]
-    np.testing.assert_allclose(masses, robot.masses, rtol=1e-6)
+    np.testing.assert_allclose([body.GetMassAttr().Get() for body in bodies], robot.masses, rtol=1e-6)
 
 
 def test_inertia_and_senses_of_a_table_top_arm():

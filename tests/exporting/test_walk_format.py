@@ -3,36 +3,18 @@
 import json
 
 import pytest
+from cases import file_text
 from export_arms import fake, session_of
 
 from bayescal.errors import BayescalError
 from bayescal.exporting import FORMATS
 from bayescal.exporting.export import export
 
-MADE_UP = '''
-"""A made-up format: the joint zeros of an arm, one in a line."""
-
-from bayescal.exporting.geometry import constant, items
-from bayescal.exporting.written import Format, Written
-
-
-def write(arm, options):
-    names = arm.dataset.robot.joint_names
-    places = [(f"line {k}", "zero") for k in range(1, len(names) + 1)]
-    lines = [f"{name} {options.name}\\n" for name in names]
-    return Written("".join(lines), items(arm, places), notes=["a note of the made-up format"])
-
-
-MADE_UP = Format(
-    ".txt", write, lambda arm, k: constant(arm.model.parameters[k]), "holds constants only"
-)
-'''
-
 
 @pytest.fixture
 def entry(tmp_path, monkeypatch):
     """The file in a temporary folder, and its entry."""
-    (tmp_path / "made_up_format.py").write_text(MADE_UP)
+    (tmp_path / "made_up_format.py").write_text(file_text("walks/made_up_format.txt"))
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setitem(FORMATS, "made-up", "made_up_format:MADE_UP")
 
@@ -58,11 +40,10 @@ def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
     assert "a note of the made-up format" in record["notes"]
 
 
-def test_the_command_takes_it(entry, tmp_path, monkeypatch, command):
+def test_the_command_takes_it(entry, tmp_path, monkeypatch, output_of):
     arm = fake(session_of(), ("geometry",))
     monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *_: arm)
-    code, _, errors = command("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
-    assert code == 0, errors
+    output_of("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
     assert (tmp_path / "arm.txt").is_file()
 
 

@@ -284,8 +284,7 @@ def test_slopes_and_draws_of_placements(lead):
 
 @pytest.mark.parametrize(("further", "a", "b", "length"), [(0, RIGHT, LEFT, SIDE), (1, HIGH, LOW, 0.05)])
 def test_too_far_apart_is_positive(further, a, b, length):
-    certificate = parallel(a, b, length)
-    r, _ = certificate(np.array([0, 0, 2 * U_DISTANCE]), np.zeros(3))
+    r, _ = parallel(a, b, length)(np.array([0, 0, 2 * U_DISTANCE]), np.zeros(3))
     np.testing.assert_allclose(r, [0, 0, 2], atol=1e-9)
 
 
@@ -294,10 +293,8 @@ def test_distance_of_faces_is_taken_at_their_middle():
     a, b = face([0, 1, 0], [0.5, 0.1, 0.1]), face([0, -1, 0], [0.3, -0.1, 0.1])
     middle = np.array([0.4, 0.0, 0.1])
     lean = np.array([1e-3, 1, 0]) / np.sqrt(1 + 1e-6)
-    states = [
-        leaning(a, lean, lean @ (middle + np.array([0, 0.1, 0]))),
-        leaning(b, -lean * [-1, 1, 1], (-lean * [-1, 1, 1]) @ (middle - np.array([0, 0.1, 0]))),
-    ]
+    other, shift = -lean * [-1, 1, 1], np.array([0, 0.1, 0])
+    states = [leaning(a, lean, lean @ (middle + shift)), leaning(b, other, other @ (middle - shift))]
     r, _ = parallel(a, b, 0.2)(*states)
     assert r[2] == pytest.approx(0, abs=0.05)  # 0.1 um of a cosine over 3 um
     assert np.max(np.abs(r[:2])) == pytest.approx(2e-3 / U_ANGLE, rel=1e-3)

@@ -121,9 +121,8 @@ def plane_case(normal: np.ndarray) -> Case:
 
 
 _sphere = Sphere(np.array([0.43, -0.06, 0.09]), 50.8e-3, RADIUS, np.array([0.05] * 3 + [1e-3]))
-_cylinder = Cylinder(
-    np.array([0.4, 0.1, 0.2]), unit(0.2, 0.3, 1), 20e-3, RADIUS, np.array([0.2, 0.2, 0.05, 0.05, 1e-3])
-)
+SD = np.array([0.2, 0.2, 0.05, 0.05, 1e-3])
+_cylinder = Cylinder(np.array([0.4, 0.1, 0.2]), unit(0.2, 0.3, 1), 20e-3, RADIUS, SD)
 _cone = FixedPoint(np.array([0.4, 0.0, 0.05]), np.full(3, 0.05))
 _bar = Distance(np.array([0.4, 0.0, 0.05]), LENGTHS, np.full(3, 0.05))
 _tracker = Instrument(FRAME, np.array([0.5, 0.0, 0.3]), XYZ, np.array([0.2] * 3 + [0.05] * 3))

@@ -56,10 +56,8 @@ def test_corners_of_one_image_share_its_pose(carried):
     corner = np.append(rng.uniform(-0.1, 0.1, (5, 2)), np.zeros((5, 1)), axis=1)[[0, 1, 0, 4, 3, 2]]
     fixed, ones = pose([170, 5, 20], [0.5, 0.1, 0.6]), np.ones(6)
     each = Camera(fixed, np.zeros(3), corner, rng.normal(size=(6, 2)), LENSES[0], ones, ones, carried)
-    x, poses = (
-        0.01 * rng.normal(size=(2, 6)),
-        np.array([pose([3, -4, k], [0.5, 0.1, 0.1])[:3] for k in range(3)]),
-    )
+    x = 0.01 * rng.normal(size=(2, 6))
+    poses = np.array([pose([3, -4, k], [0.5, 0.1, 0.1])[:3] for k in range(3)])
     of_images, of_corners = np.moveaxis(poses, 0, -1), np.moveaxis(poses[image], 0, -1)
     of = replace(each, image=image)
     np.testing.assert_allclose(of.residual(x, of_images), each.residual(x, of_corners), atol=1e-9)

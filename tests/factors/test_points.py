@@ -69,8 +69,7 @@ def test_points_of_a_line_are_their_lengths():
     seen = posed(certified + np.outer([0, 1, 0, 0], [2e-6, 2e-6, 5e-6]), 1)
     told, by = form_of(certified)[0](seen)
     assert told == pytest.approx([0, 0, np.sqrt(8) * 1e-6], abs=1e-9)
-    steps = form_of(certified)[1].reshape(3, -1)
-    assert steps @ certified.ravel() == pytest.approx(np.diff(along))
+    assert form_of(certified)[1].reshape(3, -1) @ certified.ravel() == pytest.approx(np.diff(along))
     assert by.shape == (3, 4, 3)
 
 
@@ -105,8 +104,7 @@ def test_draws_of_two_placements():
     """A common error of the coordinates and an own one of each placement: chi-squared of all relations."""
     certified, covariance = PLATE, spread(6)
     # two balls are hidden at the second placement
-    placements = [[(k, k) for k in range(6)], [(6 + k, k) for k in range(4)]]
-    of = shape(certified, covariance, placements)
+    of = shape(certified, covariance, [[(k, k) for k in range(6)], [(6 + k, k) for k in range(4)]])
     left, rng, found = np.linalg.cholesky(covariance), np.random.default_rng(8), []
     for seed in range(400):
         common, *own = (left @ rng.normal(size=(18, 3))).T

@@ -22,13 +22,9 @@ EFFECTS = ("geometry", "compliance")
 
 
 @pytest.fixture(scope="module")
-def session():
-    return session_of()
-
-
-@pytest.fixture(scope="module")
-def pair(session):
+def pair():
     """Two sessions of one arm and tool, of which the second is noisier."""
+    session = session_of()
     other = with_columns(session, readings=session.measurements.readings + 1e-3)
     rough = replace(other, noise=replace(other.noise, contact=3.0 * session.noise.contact))
     named = ((session, "A"), (rough, "B"))
@@ -53,17 +49,8 @@ def stated(arm):
     )  # fmt: skip
 
 
-ATTRIBUTES = (
-    "values",
-    "covariance",
-    "effects",
-    "states",
-    "rejected",
-    "origin",
-    "use",
-    "unmodelled",
-    "solved",
-)
+ATTRIBUTES = ("values", "covariance", "effects", "states", "rejected", "origin")
+ATTRIBUTES += ("use", "unmodelled", "solved")
 
 
 @pytest.mark.parametrize(("remounted", "own_noise"), [(True, False), (False, True)])

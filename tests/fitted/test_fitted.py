@@ -27,9 +27,8 @@ from bayescal.fitted.gate import Use
 from bayescal.fitted.unmodelled import state_row
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
-from bayescal.model import build, standing
+from bayescal.model import Scene, build, standing
 from bayescal.model.options import parts_of
-from bayescal.model.scene import Scene
 from bayescal.public import FitResult
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
@@ -49,8 +48,7 @@ ON_RAILS = ("straightness", "angular-motion", "positioning", "axis-bending")
 
 @pytest.fixture(scope="module")
 def session():
-    options = Options(contacts=60, later=6, repeats=2, spheres=0, seed=3, payload=1.0)
-    return simulate(options).dataset
+    return simulate(Options(contacts=60, later=6, repeats=2, spheres=0, seed=3, payload=1.0)).dataset
 
 
 @pytest.mark.parametrize("effects", [MOVING, ("compliance", *ON_RAILS), ("compliance", "unsettled")])
@@ -92,8 +90,7 @@ def test_flange_and_slopes(session):
     np.testing.assert_allclose(last, arm.at(q, direction=np.ones(6)).points, rtol=0, atol=1e-12)
     nominal = arm.level("nominal").at(q).points
     np.testing.assert_allclose(nominal, arm.model.scene.points[:3], rtol=0, atol=1e-12)
-    scene = Scene(session)
-    model = build(scene, ("geometry",))
+    model = build(Scene(session), ("geometry",))
     own = [arm.values[arm.model.names.index(p.name)] for p in model.parameters]
     rigid = model.motion(np.arange(3)).points(np.array(own)).T
     np.testing.assert_allclose(arm.level("geometry").at(q).points, rigid, rtol=0, atol=1e-12)
@@ -128,9 +125,8 @@ def test_every_moving_effect_is_tested():
     """A new effect joins the list, or moves no frame of the arm."""
     resting = {"lobing", "latency", "plane-form", "artefact", "ball-radius"}
     resting |= {"focal-length", "image-centre", "lens-distortion", "board-scale", "board-bow"}
-    assert {e.partition("@")[0] for e in (*MOVING, *ON_RAILS, "unsettled")} | resting | {"geometry"} == set(
-        EFFECTS
-    )
+    moving = {e.partition("@")[0] for e in (*MOVING, *ON_RAILS, "unsettled")}
+    assert moving | resting | {"geometry"} == set(EFFECTS)
 
 
 def test_round_trip_of_the_run_folder(session, tmp_path):
@@ -173,9 +169,7 @@ def test_a_torque_that_only_the_fitted_arm_has(tmp_path):
     readings = np.tile(np.radians([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]), (len(session.measurements.ids), 1))
     readings[:, 0] = session.measurements.readings[:, 0]
     tools = tuple(replace(t, centre_of_mass=np.array([0.0, 0.0, 0.06])) for t in session.tools)
-    session = replace(
-        session, tools=tools, measurements=replace(session.measurements, readings=readings, payload=None)
-    )
+    session = with_columns(replace(session, tools=tools), readings=readings, payload=None)
     leaning = fake(session, ("geometry",))
     nominal = {p.name for p in build(leaning.model.scene, ("compliance",)).parameters}
     assert "compliance J6" in nominal
@@ -190,9 +184,8 @@ def test_a_torque_that_only_the_fitted_arm_has(tmp_path):
     assert [p.name for p in again.model.parameters] == [p.name for p in arm.model.parameters]
     q = readings[:3]
     np.testing.assert_allclose(again.at(q).points, arm.at(q).points, rtol=0, atol=2e-9)
-    np.testing.assert_allclose(
-        arm.level("nominal").at(q).points, arm.level("nominal").at(q, row=0).points, atol=1e-12
-    )
+    nominal = arm.level("nominal")
+    np.testing.assert_allclose(nominal.at(q).points, nominal.at(q, row=0).points, atol=1e-12)
 
 
 # --- Every command and report says the same of what may be used of a run.
@@ -225,9 +218,8 @@ def fit_of(case):
     if case == "significantly negative":  # gravity upside down
         session = replace(session, gravity=-session.gravity)
     if case == "not identified":  # no length is certified
-        session = replace(
-            session, certificates=(), targets=tuple(replace(t, u=None) for t in session.targets)
-        )
+        targets = tuple(replace(t, u=None) for t in session.targets)
+        session = replace(session, certificates=(), targets=targets)
     return bc.fit(session, samples=0).data
 
 
@@ -257,9 +249,8 @@ def test_the_rule_and_what_files_and_reports_say(run):
     use = of_fit(run.fit).use
     assert use.allowed == run.allowed
     assert use.next == run.step or not run.step
-    assert (
-        run.fit.acceptance.usable <= use.allowed or run.case == "not converged"
-    )  # no good verdict is refused
+    # no good verdict is refused
+    assert run.fit.acceptance.usable <= use.allowed or run.case == "not converged"
     assert bool(use.rigid.parameters) == (run.case == "barely negative")
     # files and reports say the same
     head = (run.folder / "robot.yaml").read_text(encoding="utf-8").splitlines()[: len(use.against) + 1]
@@ -309,8 +300,7 @@ def test_verify_states_the_reasons(run, tmp_path):
 def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
     """Of a diagnosis with a named effect that the validation data do not confirm."""
     session = bc.simulate(effects="geometry, compliance", **SMALL).dataset
-    few = with_columns(session, time=None, temperature=None, velocity=None)
-    gap = diagnose(geared(few))
+    gap = diagnose(geared(with_columns(session, time=None, temperature=None, velocity=None)))
     named = Named("backlash", "backlash at joint 3", (), "", 0.99, 20.0, confirmed=False)
     gap = replace(gap, verdict=replace(gap.verdict, kind="named", named=(named,)), levels=gap.levels[-1:])
     words = "backlash at joint 3 is named, but the validation data do not confirm it: the arm is without it"
@@ -388,9 +378,7 @@ def soft(result):
 
 
 def test_a_negative_compliance(soft):
-    words = (
-        r"not exported: negative by more than \S+ u, which is not physical: compliance J3 -\S+ µrad/\(N m\)"
-    )
+    words = r"not exported: negative by more than \S+ u, which is not physical: compliance J3 -\S+ µrad/.N m"
     refused(words, lambda: export(soft, "robot.yaml"))
     out = export(soft, "robot.yaml", force=True)
     assert [m.parameters for m in out.missing] == [("compliance J3",)]

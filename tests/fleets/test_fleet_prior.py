@@ -47,8 +47,7 @@ def test_many_arms_that_are_known_give_their_mean_and_scale(rng):
     mean, sd = np.array([1.0, -2.0, 0.5, 0.0, 3.0]), np.array([0.1, 0.3, 1.0, 0.2, 0.5])
     t = mean + sd * rng.standard_normal((400, K))
     t[0, 2] += 50.0
-    arms = Arms(np.tile(1e8 * np.eye(K), (400, 1, 1)), 1e8 * t)
-    found = learn(arms)
+    found = learn(Arms(np.tile(1e8 * np.eye(K), (400, 1, 1)), 1e8 * t))
     assert found.mean == pytest.approx(mean, abs=4 * np.max(sd) / 20)
     assert found.scale == pytest.approx(sd, rel=0.15)  # the one far away does not widen it
     assert found.spread[2] == pytest.approx(np.std(t[:, 2], ddof=1), rel=0.02)  # but is within the spread
@@ -138,8 +137,7 @@ def test_equal_arms_seldom_differ_and_one_that_differs_is_found():
         false += any(d.stated for d in plain.unlike)
         odd = member(rng, "arm 3", t[3] + np.array([0, 0, 0, 5.0, 0]))
         (found,) = models_of([*equal[:3], odd, *equal[4:]])
-        stated = [(d.arm, d.parameter.name) for d in found.unlike if d.stated]
-        right += ("arm 3", "theta5") in stated
+        right += ("arm 3", "theta5") in [(d.arm, d.parameter.name) for d in found.unlike if d.stated]
     assert false <= 4  # 1.2 of 24 are expected at most; more than 4 have a probability below 0.01
     assert right >= 0.9 * fleets
 
@@ -147,11 +145,8 @@ def test_equal_arms_seldom_differ_and_one_that_differs_is_found():
 def test_an_arm_that_changed_is_told_and_counts_as_it_is_now(rng):
     t = np.tile(np.array([1.0, -1.0, 0.5, 2.0, 0.0]), (4, 1)) + 0.3 * rng.standard_normal((4, K))
     moved = np.array([0, 0, 0, 0, 0.7])
-    sessions = [
-        *(member(rng, f"arm {k}", t[k]) for k in range(4)),
-        member(rng, "arm 0", t[0], "again"),
-        member(rng, "arm 1", t[1] + moved, "later"),
-    ]
+    sessions = [member(rng, f"arm {k}", t[k]) for k in range(4)]
+    sessions += [member(rng, "arm 0", t[0], "again"), member(rng, "arm 1", t[1] + moved, "later")]
     (found,) = models_of(sessions)
     stated = [(d.arm, d.since, d.parameter.name) for d in found.changed if d.stated]
     assert stated == [("arm 1", "later", "theta6")]
@@ -205,25 +200,16 @@ def test_the_likelihood_is_that_of_the_rows_whatever_prior_the_fit_had(rng):
     z = solved @ by.T @ y
     stated = solved @ by.T @ covariance @ by @ solved + solved @ solved
     names = [("theta2", "rad", joint(2)), ("theta3", "rad", joint(3)), ("ball x", "m", TOOL)]
-    record = {
-        "prior_width": 1.0,
-        "prior_widths": {"geometry angles of joints": 2.0},
-        "parameters": [
-            {
-                "name": name,
-                "effect": "geometry" if "theta" in name else "tool",
-                "site": str(site),
-                "unit": UNITS[unit][0],
-                "nominal": 0.0,
-                "value": (mean[k] + sd[k] * z[k]) * UNITS[unit][1],
-                "prior_mean": mean[k] * UNITS[unit][1],
-                "prior_sd": sd[k] * UNITS[unit][1],
-            }
-            for k, (name, unit, site) in enumerate(names)
-        ],
-        "covariance_si": (stated * np.outer(sd, sd)).tolist(),
-        "solver_covariance_si": (solved * np.outer(sd, sd)).tolist(),
-    }
+    parameters = [
+        {"name": name, "effect": "geometry" if "theta" in name else "tool", "site": str(site), "nominal": 0.0,
+         "unit": UNITS[unit][0], "value": (mean[k] + sd[k] * z[k]) * UNITS[unit][1],
+         "prior_mean": mean[k] * UNITS[unit][1], "prior_sd": sd[k] * UNITS[unit][1]}
+        for k, (name, unit, site) in enumerate(names)
+    ]  # fmt: skip
+    record = {"prior_width": 1.0, "prior_widths": {"geometry angles of joints": 2.0}}
+    record["parameters"] = parameters
+    of = {"covariance_si": stated, "solver_covariance_si": solved}
+    record |= {key: (value * np.outer(sd, sd)).tolist() for key, value in of.items()}
     found = likelihood_of(record, ["geometry"])
     # by hand: B'y has the covariance B'SB, and the tool (with its prior) adds to it
     spread = by.T @ covariance @ by
@@ -241,13 +227,8 @@ def test_effects_of_a_fleet_do_not_depend_on_the_order_of_its_sessions():
 
     def session(arm, p, value):
         named = [{"effect": "backlash", "site": "joint 3", "value": value, "unit": "urad"}] if value else []
-        return {
-            "robot": "r",
-            "arm": arm,
-            "gap": {"verdict": "named"},
-            "probability": {"backlash": p},
-            "effects": named,
-        }
+        about = {"robot": "r", "gap": {"verdict": "named"}}
+        return about | {"arm": arm, "probability": {"backlash": p}, "effects": named}
 
     sessions = [session("a", 0.9, 50.0), session("a", 0.2, None), session("b", 0.1, None)]
     sessions += [session("c", 0.95, 80.0), session("c", 0.99, 70.0)]

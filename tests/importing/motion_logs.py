@@ -1,7 +1,5 @@
 """A made-up session of joint motions, and its files as other programs write them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 
@@ -45,8 +43,7 @@ def session(order: tuple[int, ...] = ORDER, length: float = 2.0) -> Session:
     position = np.concatenate(parts) + np.array([0.0, -1.2, 1.4, -1.0, -0.7, 0.2])
     time = 100.0 + STEP * np.arange(len(position))
     velocity = np.gradient(position, time, axis=0)
-    gravity = np.array([0, 60, 25, 4, 2, 0]) * np.cos(position)
-    torque = gravity + 2 * np.gradient(velocity, time, axis=0)
+    torque = np.array([0, 60, 25, 4, 2, 0]) * np.cos(position) + 2 * np.gradient(velocity, time, axis=0)
     current = torque / CONSTANTS + 0.4 * np.tanh(velocity / 0.03) + 0.2 * velocity
     return Session(time, position, velocity, torque, current, np.concatenate(number))
 

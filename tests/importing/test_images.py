@@ -78,8 +78,7 @@ def asked(place, mount="flange", board=BOARD, **more):
 
 @pytest.mark.parametrize("mount", FIXED)
 def test_images_to_a_session(made, mount, tmp_path):
-    draft = convert(asked(made, mount))
-    write(draft, tmp_path / "cell")
+    write(convert(asked(made, mount)), tmp_path / "cell")
     read = read_dataset(tmp_path / "cell")
     assert read.targets[0].texts["mount"] == mount
     assert abs(read.targets[0].values["fx"] / FOCAL[0] - 1) < 0.02
@@ -92,10 +91,9 @@ def test_images_to_a_session(made, mount, tmp_path):
     assert cv2.imread(str(tmp_path / "cell" / "found.jpg")) is not None
 
 
-def test_the_command(made, tmp_path, command):
+def test_the_command(made, tmp_path, output_of):
     given = ("--board", BOARD, "--joints", made / "flange.csv", "--robot", "fanuc-lrmate200ic")
-    code, text, errors = command("import", made / "flange", *given, "--out", tmp_path / "cell")
-    assert code == 0, errors
+    text = output_of("import", made / "flange", *given, "--out", tmp_path / "cell")
     assert f"{COUNT} images of {COUNT}" in text
     assert "mount: flange" in text
 
@@ -146,16 +144,13 @@ def test_images_without_readings_are_named(made, converted, tmp_path):
     assert "without joint readings, not used: more.png" in convert(asked(tmp_path)).notes
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"board": "charuco:5x4:30mm:22mm"}, "another board"),
-        ({"board": "charuco:7x5"}, "is no board"),
-        ({"board": "charuco:7x5:25mm:18.3mm"}, "squares of 30 mm"),
-        ({"joints": "none.csv"}, "no such file"),
-        ({"tool": "0 0 31 mm"}, "is not an option of images"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"board": "charuco:5x4:30mm:22mm"}, "another board"),
+    ({"board": "charuco:7x5"}, "is no board"),
+    ({"board": "charuco:7x5:25mm:18.3mm"}, "squares of 30 mm"),
+    ({"joints": "none.csv"}, "no such file"),
+    ({"tool": "0 0 31 mm"}, "is not an option of images"),
+])  # fmt: skip
 def test_refused_options(made, tmp_path, options, words):
     refused(words, lambda: write(convert(asked(made, **options)), tmp_path / "cell"))
 
@@ -187,8 +182,7 @@ def test_a_checkerboard_is_numbered_from_one_end_in_all_images(tmp_path):
         ends.append(np.linalg.norm(np.subtract(uv, one)) < np.linalg.norm(np.subtract(uv, other)))
     assert len(set(ends)) == 1
     # OpenCV numbers some images from the other end
-    words = next(note for note in draft.notes if "from the other end" in note)
-    assert ".png" in words
+    assert ".png" in next(note for note in draft.notes if "from the other end" in note)
 
 
 def test_images_are_named_by_the_ids_of_a_plan(made, converted, tmp_path):
@@ -202,7 +196,7 @@ def test_images_are_named_by_the_ids_of_a_plan(made, converted, tmp_path):
     np.testing.assert_array_equal(one.dataset.measurements.readings, other.dataset.measurements.readings)
 
 
-def test_the_command_of_a_plan_imports_its_images(made, tmp_path, command):
+def test_the_command_of_a_plan_imports_its_images(made, tmp_path, output_of):
     plan, template = tmp_path / "run" / "plan.csv", camera_session("flange", images=COUNT, velocity=False)
     write_dataset(template, tmp_path / "run")
     rows = [line.split(",") for line in (made / "flange.csv").read_text().splitlines()]
@@ -210,8 +204,7 @@ def test_the_command_of_a_plan_imports_its_images(made, tmp_path, command):
     plan.write_text("\n".join(map(",".join, ids)) + "\n")
     words = shlex.split(commands(tmp_path / "run", template.targets)["images"])
     given = {"IMAGES": str(made / "flange"), "SESSION": str(tmp_path / "new")}
-    code, _, errors = command(*(given.get(word, word) for word in words[1:]))
-    assert code == 0, errors
+    output_of(*(given.get(word, word) for word in words[1:]))
     assert len(set(read_dataset(tmp_path / "new").measurements.stop)) == COUNT
     log = commands(tmp_path / "run", (Target("a", "plane", {}), *template.targets))
     assert list(log) == ["import", "fit", "gap"]

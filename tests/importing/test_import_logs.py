@@ -47,8 +47,7 @@ def tracked(tracker):
 
 
 def brought(tmp_path, force=False, **request):
-    draft = convert(Request(**{"robot": ARM, "noise": NOISE, **request}))
-    write(draft, tmp_path / "out", force)
+    write(convert(Request(**{"robot": ARM, "noise": NOISE, **request})), tmp_path / "out", force)
     return read_dataset(tmp_path / "out", judge=not force)
 
 
@@ -132,15 +131,13 @@ def test_two_stations_and_two_reflectors(tracked, tmp_path):
     second = Tool("b", np.array([-0.05, 0.02, 0.1]))
     turn = rpy_matrix(np.array([0.3, -0.2, 2.0]))
     tools = (replace(data.tools[0], name="a"), second)
-    moved = replace(data, tools=tools, measurements=replace(m, tool=tool))
-    at_home = nominal(moved, m.readings)
+    at_home = nominal(replace(data, tools=tools, measurements=replace(m, tool=tool)), m.readings)
     xyz = (at_home - [1.0, 2, 3]) @ turn
     xyz[where == 1] = (at_home[where == 1] + [0.5, 0, 1]) @ turn.T
     lines = ["id,tool,at," + ",".join(f"q{j}" for j in range(1, 7)) + ",x,y,z"]
     for i in range(40):
         numbers = [*np.degrees(m.readings[i]).tolist(), *xyz[i].tolist()]
-        cells = [f"p{i}", "ab"[tool[i]], f"s{where[i]}", *numbers]
-        lines.append(",".join(map(str, cells)))
+        lines.append(",".join(map(str, [f"p{i}", "ab"[tool[i]], f"s{where[i]}", *numbers])))
     (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
     map_ = "id=id, tool=tool, target=at, j*=q* deg, x=x m, y=y m, z=z m"
     got = brought(tmp_path, log=tmp_path / "log.csv", map=map_)
@@ -155,8 +152,7 @@ def test_a_part_of_the_name_of_a_robot_is_enough(tmp_path):
     """As `import --help` has it, also in place of a template's robot; the dataset has the full name."""
     rows = ["1,2,3,4,5,6,7,8,9", "2,3,4,5,6,7,8,9,10"]
     (tmp_path / "log.csv").write_text("\n".join(["A1,A2,A3,A4,A5,A6,X,Y,Z", *rows]))
-    request = Request(tmp_path / "log.csv", "j*=A* deg, x=X mm, y=Y mm, z=Z mm", robot="ur5e")
-    base = base_of(request)
+    base = base_of(Request(tmp_path / "log.csv", "j*=A* deg, x=X mm, y=Y mm, z=Z mm", robot="ur5e"))
     assert (base.robot_reference, base.robot.name) == ("universal-robots-ur5e",) * 2
 
 
@@ -168,19 +164,9 @@ def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-WRONG = [
-    ("rad", "deg", "mm", "mm", "`j1` to `j6` cannot be in deg: the numbers are 57 times too small; in rad"),
-    ("deg", "rad", "mm", "mm", "`j1` to `j6` cannot be in rad: the numbers are 57 times too large; in deg"),
-    ("deg", "mrad", "mm", "mm", "`j1` to `j6` cannot be in mrad: .* in deg"),
-    ("deg", "deg", "m", "mm", "`x` to `z` cannot be in mm: the numbers are 1000 times too small; in m"),
-    ("deg", "deg", "mm", "m", "`x` to `z` cannot be in m: the numbers are 1000 times too large; in mm"),
-    ("deg", "deg", "in", "mm", "`x` to `z` cannot be in mm: the numbers are 25 times too small; in in"),
-]
-
-
 @pytest.mark.parametrize(
     ("angle", "claimed", "length", "told", "words", "tool"),
-    [(*wrong, tool) for wrong, tool in zip(WRONG, cycle(["", "60 0 120 mm"]), strict=False)],
+    [(*wrong, tool) for wrong, tool in zip(cases("unit_refusals"), cycle(["", "60 0 120 mm"]), strict=False)],
 )
 def test_a_wrong_unit_is_caught(tracked, tmp_path, angle, claimed, length, told, words, tool):
     log = table(tracked.dataset, tmp_path / "log.csv", angle, length)
@@ -188,8 +174,7 @@ def test_a_wrong_unit_is_caught(tracked, tmp_path, angle, claimed, length, told,
     words += r" they agree with the nominal arm within [\d.]+ mm.*--force"
     refused(words, lambda: brought(tmp_path, log=log, map=map_, tool=tool))
     assert not (tmp_path / "out").exists()
-    got = brought(tmp_path, force=True, log=log, map=map_, tool=tool)
-    assert len(got.measurements.ids) == 40
+    assert len(brought(tmp_path, force=True, log=log, map=map_, tool=tool).measurements.ids) == 40
 
 
 def test_one_joint_in_another_unit_is_caught(tracked, tmp_path):
@@ -243,11 +228,8 @@ def test_robodk(tracked, tmp_path, pose):
     data = tracked.dataset
     m = data.measurements
     at = np.array([[0.06, 0, 0.12], [-0.05, 0.02, 0.1]])
-    both = replace(
-        data,
-        tools=(replace(data.tools[0], centre=at[0]), Tool("b", at[1])),
-        measurements=replace(m, tool=np.arange(40) % 2, readings=np.repeat(m.readings[:20], 2, axis=0)),
-    )
+    both = replace(data, tools=(replace(data.tools[0], centre=at[0]), Tool("b", at[1])))
+    both = with_columns(both, tool=np.arange(40) % 2, readings=np.repeat(m.readings[:20], 2, axis=0))
     both = with_columns(both, xyz=nominal(both, both.measurements.readings) - [2.0, 1, 0])
     log = robodk(both, tmp_path / "dk.csv", at[both.measurements.tool], pose, lost=(3, 8))
     draft = convert(Request(log, format="robodk", robot=ARM, noise=NOISE))
@@ -317,9 +299,8 @@ def test_maps(text, words):
 
 
 def test_a_map_with_everything():
-    got = read_map(
-        "j*=Joint * deg, j2_velocity=v2 deg/s, j1_torque=#9 Nm, id=Point, target='cube.+x'", ("deg",) * 2
-    )
+    said = "j*=Joint * deg, j2_velocity=v2 deg/s, j1_torque=#9 Nm, id=Point, target='cube.+x'"
+    got = read_map(said, ("deg",) * 2)
     assert (got["j2"].name, got["j2"].unit) == ("Joint 2", UNITS["deg"])
     assert got["j2_velocity"].unit is UNITS["degps"]
     assert got["j1_torque"].name == "#9"
@@ -327,13 +308,11 @@ def test_a_map_with_everything():
     assert not got["id"].constant
 
 
-@pytest.mark.parametrize(
-    ("name", "dimension", "value", "si"),
-    [("µm", "length", 3, 3e-6), ("°", "angle", 180, np.pi), ("deg/s", "rate", 90, np.pi / 2)],
-)
+@pytest.mark.parametrize(("name", "dimension", "value", "si"), [
+    ("µm", "length", 3, 3e-6), ("°", "angle", 180, np.pi), ("deg/s", "rate", 90, np.pi / 2),
+])  # fmt: skip
 def test_units(name, dimension, value, si):
-    unit = unit_of(name, dimension, "")
-    assert unit.scale * value == pytest.approx(si, abs=1e-12)
+    assert unit_of(name, dimension, "").scale * value == pytest.approx(si, abs=1e-12)
 
 
 def test_quantities():
@@ -357,10 +336,9 @@ def test_requests(tmp_path, said, words):
     refused(words, lambda: convert(Request(log, **{**usual, **said})))
 
 
-@pytest.mark.parametrize(
-    ("row", "columns"),
-    [("1.5 2 3", "345"), ("P1, 1.5, 2, 3", "P1"), ("A::B 7 1.5 2 3", None), ("P1 1.5 2 3 0.1", None)],
-)
+@pytest.mark.parametrize(("row", "columns"), [
+    ("1.5 2 3", "345"), ("P1, 1.5, 2, 3", "P1"), ("A::B 7 1.5 2 3", None), ("P1 1.5 2 3 0.1", None),
+])  # fmt: skip
 def test_which_columns_are_points(tmp_path, row, columns):
     """Where names and numbers cannot be told apart, it is asked for."""
     from bayescal.importing.ask import points_map
@@ -413,24 +391,21 @@ def test_a_header_in_a_comment(tmp_path):
     np.testing.assert_array_equal(got.cells["j2"], [2, 4])
 
 
-@pytest.mark.parametrize(
-    ("map_", "value"),
-    [
-        ("j1=a3 + a2 deg", np.radians(12.5)),
-        ("j1=-(a3 - a2) / 2 + 1 deg", np.radians(-2.75)),
-        ("j1=#1 - #2 deg", np.radians(7.5)),
-        ("j1_deg=a3+a2", np.radians(12.5)),
-        ("x={J 1} * 2 mm", 0.04),
-        ("x=J 1 mm", 0.02),
-        ("x_mm=J 1", 0.02),
-        ("u=U95 / 2 mm", 1e-5),
-        ("payload=2 kg", 2.0),
-        ("payload_g=250", 0.25),
-        ("length=1e2 + .5 mm", 0.1005),
-        ("j1_degps=a2", np.radians(2.5)),
-        ("temperature_c=a3", 10.0),
-    ],
-)
+@pytest.mark.parametrize(("map_", "value"), [
+    ("j1=a3 + a2 deg", np.radians(12.5)),
+    ("j1=-(a3 - a2) / 2 + 1 deg", np.radians(-2.75)),
+    ("j1=#1 - #2 deg", np.radians(7.5)),
+    ("j1_deg=a3+a2", np.radians(12.5)),
+    ("x={J 1} * 2 mm", 0.04),
+    ("x=J 1 mm", 0.02),
+    ("x_mm=J 1", 0.02),
+    ("u=U95 / 2 mm", 1e-5),
+    ("payload=2 kg", 2.0),
+    ("payload_g=250", 0.25),
+    ("length=1e2 + .5 mm", 0.1005),
+    ("j1_degps=a2", np.radians(2.5)),
+    ("temperature_c=a3", 10.0),
+])  # fmt: skip
 def test_expressions(tmp_path, map_, value):
     got = read(tmp_path, "a3,a2,J 1,U95\n10,2.5,20,0.02\n", map_)
     assert next(iter(got.cells.values())) == pytest.approx([value], abs=1e-12)
@@ -451,14 +426,12 @@ def test_refused(tmp_path, text, map_, words):
 
 
 def test_a_decimal_comma_that_is_stated(tmp_path):
-    got = read(tmp_path, "a;b\n1;2,500\n", "x=b mm", decimal="comma")
-    assert got.cells["x"] == pytest.approx([2.5e-3])
+    assert read(tmp_path, "a;b\n1;2,500\n", "x=b mm", decimal="comma").cells["x"] == pytest.approx([2.5e-3])
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(b"\x81\x8d,1\n", "the encoding is not known"), ("a,b\n1,2\n".encode("utf-16-le"), "not a text file")],
-)
+@pytest.mark.parametrize(("content", "words"), [
+    (b"\x81\x8d,1\n", "the encoding is not known"), ("a,b\n1,2\n".encode("utf-16-le"), "not a text file"),
+])  # fmt: skip
 def test_bytes_that_are_no_text(tmp_path, content, words):
     refused(words, lambda: read(tmp_path, content, "x=a mm"))
 
@@ -469,8 +442,7 @@ MIDNIGHT = [0.0, 1.5, 86399.25, 86401.0]
 
 @pytest.mark.parametrize(("kind", "cells", "clock"), cases("time_stamps"))
 def test_time_stamps(tmp_path, kind, cells, clock):
-    text = "\n".join(["t;x", *(f"{cell};1" for cell in cells)])
-    got = read(tmp_path, text, f"time=t {kind}, x=x mm")
+    got = read(tmp_path, "\n".join(["t;x", *(f"{cell};1" for cell in cells)]), f"time=t {kind}, x=x mm")
     time = got.cells["time"]
     np.testing.assert_allclose(time - time[0], MIDNIGHT, atol=1e-6)
     assert got.clock == clock

@@ -113,18 +113,15 @@ def test_a_tracker_whose_clock_is_wrong(tracked, tmp_path, which, shift):
     assert any("39 of 39 measurements: check the clocks" in note for note in wide.notes)
 
 
-@pytest.mark.parametrize(
-    ("pair", "map_", "words"),
-    [
-        ("time:0.1 s", STAMPED, "no rows of ctrl.csv and tracker.csv are within 0.1 s: .* differ by 0.3 s"),
-        ("time", STAMPED, "`time` is not known; must be row, id or time:0.5 s"),
-        ("time:1 mm", STAMPED, "`mm` is a unit of length, not of time"),
-        ("time:1 s", STAMPED.replace("Time iso", "Time dmy"), "is not a date and time .dmy."),
-        ("time:1 s", "id=Name, x=X mm, y=Y mm, z=Z mm", "tracker.csv: no column holds `time`"),
-        ("row", STAMPED, "200 rows in ctrl.csv, 40 in tracker.csv"),
-        ("near", STAMPED, "`near` is not known"),
-    ],
-)
+@pytest.mark.parametrize(("pair", "map_", "words"), [
+    ("time:0.1 s", STAMPED, "no rows of ctrl.csv and tracker.csv are within 0.1 s: .* differ by 0.3 s"),
+    ("time", STAMPED, "`time` is not known; must be row, id or time:0.5 s"),
+    ("time:1 mm", STAMPED, "`mm` is a unit of length, not of time"),
+    ("time:1 s", STAMPED.replace("Time iso", "Time dmy"), "is not a date and time .dmy."),
+    ("time:1 s", "id=Name, x=X mm, y=Y mm, z=Z mm", "tracker.csv: no column holds `time`"),
+    ("row", STAMPED, "200 rows in ctrl.csv, 40 in tracker.csv"),
+    ("near", STAMPED, "`near` is not known"),
+])  # fmt: skip
 def test_refused_by_time(tracked, tmp_path, pair, map_, words):
     refused(words, lambda: by_time(tracked, tmp_path, pair=pair, map_=map_))
 
@@ -194,10 +191,8 @@ def test_two_reflectors_by_id(tracked, tmp_path, reflectors, files):
     both_are_found(got, centres, seen)
     readings = got.dataset.measurements.readings
     np.testing.assert_allclose(readings[::2], tracked.measurements.readings, atol=1e-9)
-    twice, several = (
-        r"^t0.csv:2: id `.*` is given twice",
-        "several files hold points; map `tool` .a reflector",
-    )
+    twice = r"^t0.csv:2: id `.*` is given twice"
+    several = "several files hold points; map `tool` .a reflector"
     with pytest.raises(BayescalError, match=twice if files == 1 else f"{several}. or `target`"):
         convert(replace(request, points_map=points_map.replace("tool=refl, ", "")))
 
@@ -297,10 +292,9 @@ def written(data, turns, path, words):
     return f"id=n, j*=A* deg, x=X mm, y=Y mm, z=Z mm, rotation={' '.join(header[10:])} {words}"
 
 
-@pytest.mark.parametrize(
-    "words",
-    ["wxyz", "xyzw", "rotvec rad", "matrix", "matrix-columns", "abc deg", "wpr deg", "xyz deg", "oat deg"],
-)
+@pytest.mark.parametrize("words", [
+    "wxyz", "xyzw", "rotvec rad", "matrix", "matrix-columns", "abc deg", "wpr deg", "xyz deg", "oat deg",
+])  # fmt: skip
 def test_comes_back(posed, tmp_path, words):
     data, turns = posed
     map_ = written(data, turns, tmp_path / "log.csv", words)
@@ -310,8 +304,7 @@ def test_comes_back(posed, tmp_path, words):
     assert got.wrong == ""
     assert any("of the nominal arm" in note and "orientations are read as" in note for note in got.notes)
     write(got, tmp_path / "out")
-    again = read_dataset(tmp_path / "out").measurements
-    np.testing.assert_allclose(rpy_matrix(again.rpy), turns, atol=1e-8)
+    np.testing.assert_allclose(rpy_matrix(read_dataset(tmp_path / "out").measurements.rpy), turns, atol=1e-8)
 
 
 CONFUSED = {"wxyz": "xyzw", "abc deg": "wpr deg", "matrix": "matrix-columns"}
@@ -362,8 +355,7 @@ def test_the_frame_of_a_tool(posed, tmp_path):
 @pytest.fixture(scope="module")
 def stopped(tracked):
     """Three rows a stop, of 14 stops, the last of one row; named b0, b1, ..."""
-    stop = np.array([f"b{i // 3}" for i in range(40)])
-    return with_columns(tracked, stop=stop)
+    return with_columns(tracked, stop=np.array([f"b{i // 3}" for i in range(40)]))
 
 
 def test_rows_of_one_stop_repeat_or_reading_belong_together(tracked):
@@ -378,17 +370,14 @@ def test_rows_of_one_stop_repeat_or_reading_belong_together(tracked):
     assert np.all(np.diff(list(dict.fromkeys(got.tolist()))) == 1)  # numbered as they first come
 
 
-@pytest.mark.parametrize(
-    ("rule", "stops", "words"),
-    [
-        ("every:5", {4, 9}, "5 of 40|6 of 40"),
-        ("every 5", {4, 9}, "stop 5 of every 5, 14 stops"),
-        ("stop", {4, 9}, "stop 5 of every 5"),
-        ("last:20%", {11, 12, 13}, "7 of 40 rows (the last 3 of 14 stops)"),
-        ("stops 'b1?'", {10, 11, 12, 13}, "stops b1?"),
-        ("stops:b0, b13", {0, 13}, "4 of 40"),
-    ],
-)
+@pytest.mark.parametrize(("rule", "stops", "words"), [
+    ("every:5", {4, 9}, "5 of 40|6 of 40"),
+    ("every 5", {4, 9}, "stop 5 of every 5, 14 stops"),
+    ("stop", {4, 9}, "stop 5 of every 5"),
+    ("last:20%", {11, 12, 13}, "7 of 40 rows (the last 3 of 14 stops)"),
+    ("stops 'b1?'", {10, 11, 12, 13}, "stops b1?"),
+    ("stops:b0, b13", {0, 13}, "4 of 40"),
+])  # fmt: skip
 def test_rules(stopped, rule, stops, words):
     got, note = with_roles(stopped, rule, "--validate")
     chosen = np.isin(np.arange(40) // 3, list(stops))

@@ -27,8 +27,7 @@ USUAL = {"robot": ARM, "noise": "10 um"}
 @pytest.fixture(scope="module")
 def tracked(tracker):
     """Forty rows called P1 to P40."""
-    data = tracker(seed=3, count=40).dataset
-    return with_columns(data, ids=tuple(f"P{i + 1}" for i in range(40)))
+    return with_columns(tracker(seed=3, count=40).dataset, ids=tuple(f"P{i + 1}" for i in range(40)))
 
 
 @pytest.fixture
@@ -54,17 +53,10 @@ def fanuc_ls(data):
     out += ["   1:J P[1] 100% FINE    ;", "/POS"]
     for i, q in enumerate(np.degrees(data.measurements.readings), 1):
         j = digits(q)
-        out += [
-            f'P[{i}:"pose {i}"]{{',
-            "   GP1:",
-            "\tUF : 0, UT : 1,\t",
-            "\t" + ",\t".join(f"J{k + 1}= {j[k]} deg" for k in range(3)) + ",",
-            "\t" + ",\t".join(f"J{k + 1}= {j[k]} deg" for k in range(3, 6)),
-            "   GP2:",
-            "\tUF : 0, UT : 1,\t",
-            "\tJ1=   100.000  mm",
-            "};",
-        ]
+        halves = (range(3), range(3, 6))
+        first, second = (",\t".join(f"J{k + 1}= {j[k]} deg" for k in half) for half in halves)
+        out += [f'P[{i}:"pose {i}"]{{', "   GP1:", "\tUF : 0, UT : 1,\t", f"\t{first},", f"\t{second}"]
+        out += ["   GP2:", "\tUF : 0, UT : 1,\t", "\tJ1=   100.000  mm", "};"]
     out += ["P[99]{", "   GP1:", "\tUF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',"]
     out += ["\tX =   450.0  mm,\tY = .0  mm,\tZ = 200.0  mm,", "\tW = .0 deg,\tP = .0 deg,\tR = .0 deg"]
     return "\r\n".join([*out, "};", "/END"])
@@ -77,11 +69,8 @@ def fanuc_va(data):
         out += [f"    [1,{i}] =   'pose {i}'   Group: 1"]
         named = [f"J{k + 1} =  {j[k]} deg" for k in range(6)]
         out += [f"  {'   '.join(some)} " for some in (named[:3], named[3:])] + [""]
-    out += [
-        "    [1,41] =   '' Uninitialized",
-        "    [1,42] =   'home' ",
-        "  Group: 1   Config: N U T, 0, 0, 0",
-    ]
+    out += ["    [1,41] =   '' Uninitialized", "    [1,42] =   'home' "]
+    out += ["  Group: 1   Config: N U T, 0, 0, 0"]
     out += ["  X:  -820.507   Y:  2309.503   Z:   945.836", "  W:    90.594   P:    -1.149   R:  -160.248"]
     return "\r\n".join(out)
 
@@ -118,8 +107,7 @@ def test_positions_of_controllers_with_points_of_spatial_analyzer(tracked, seen,
     log.write_text(text(tracked), encoding="utf-8", newline="")
     by = {"pair": "id"} if prefix == "P" else {"pair": "row"}
     got = convert(Request(log, format=name, points=seen, points_map="mm", **by, **USUAL))
-    ids = tuple(f"{prefix}{i + 1}" for i in range(40))
-    same(got, with_columns(tracked, ids=ids))
+    same(got, with_columns(tracked, ids=tuple(f"{prefix}{i + 1}" for i in range(40))))
     assert any("1 Cartesian positions of robot.txt left out" in line for line in got.understood)
 
 
@@ -183,12 +171,9 @@ def test_points_in_the_columns_of_faro(tracked, tmp_path):
 def test_lengths_of_a_ball_bar(tracked, tmp_path):
     """Lengths from a pivot, as a telescoping bar reads them, with joints in one table in French format."""
     pivot = np.array([0.4, 0.0, 0.05])
-    data = replace(
-        tracked,
-        targets=(Target("bar", "distance", {"centre": pivot, "length": np.nan}),),
-        measurements=replace(tracked.measurements, xyz=None, time=None, rpy=None),
-        noise=replace(tracked.noise, contact=1e-5),
-    )
+    bar = Target("bar", "distance", {"centre": pivot, "length": np.nan})
+    data = replace(tracked, targets=(bar,), noise=replace(tracked.noise, contact=1e-5))
+    data = with_columns(data, xyz=None, time=None, rpy=None)
     length = np.linalg.norm(nominal(data, data.measurements.readings) - pivot, axis=1)
     data = with_columns(data, length=length)
     write_dataset(data, tmp_path / "template")

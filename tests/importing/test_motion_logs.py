@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from cases import refused
+from cases import cases, refused
 from motion_logs import (
     CONSTANTS,
     FRANKA,
@@ -110,8 +110,7 @@ def test_a_column_divides_names_and_gives_roles(s, table, tmp_path):
 def test_a_name_that_returns_is_another_motion_and_rest_is_none(s, table, tmp_path):
     head, *rows = table.read_text().splitlines()
     moves = np.abs(s.velocity).max(axis=1) > 1e-3
-    begins = moves & np.r_[True, ~moves[:-1]]
-    number = np.cumsum(begins) * moves
+    number = np.cumsum(moves & np.r_[True, ~moves[:-1]]) * moves
     ends = [("rest", "wave", "wave", "c", "d", "e")[k] for k in number]
     table.write_text("\n".join([f"{head},name", *(f"{r},{e}" for r, e in zip(rows, ends, strict=True))]))
     draft = convert(Request(table, f"{MAP}, motion=name", robot=ARM, motions="column"))
@@ -120,18 +119,16 @@ def test_a_name_that_returns_is_another_motion_and_rest_is_none(s, table, tmp_pa
     assert len(draft.columns["t_s"]) == moves.sum()
 
 
-@pytest.mark.parametrize(
-    ("name", "factor", "unit"),
-    [("ns", 1e9, "epoch_ns"), ("us", 1e6, "us"), ("us", 1e6, "µs"), ("s", 1.0, "s"), ("ms", 1e3, "ms")],
-)
+@pytest.mark.parametrize(("name", "factor", "unit"), [
+    ("ns", 1e9, "epoch_ns"), ("us", 1e6, "us"), ("us", 1e6, "µs"), ("s", 1.0, "s"), ("ms", 1e3, "ms"),
+])  # fmt: skip
 def test_stamps_in_each_unit_and_columns_by_the_names_of_the_joints(s, tmp_path, name, factor, unit):
     start = 1763650000.0 if unit.startswith("epoch") else 0.0
     columns = {name: np.char.mod("%d", np.round((start + s.time) * factor).astype("int64"))}
     columns = columns if factor > 1 else {name: s.time}
     columns |= {f"/joint_states/{n}/position": v for n, v in zip(UR, s.position.T, strict=True)}
-    columns |= {
-        f"/joint_states/{n}/velocity": v for n, v in zip(UR, (s.velocity / (np.pi / 30)).T, strict=True)
-    }
+    rpm = s.velocity / (np.pi / 30)
+    columns |= {f"/joint_states/{n}/velocity": v for n, v in zip(UR, rpm.T, strict=True)}
     path = write_csv(tmp_path / "log.csv", columns)
     said = f"time={name} {unit}, j*={{/joint_states/*name/position}} rad"
     said += ", j*_velocity={/joint_states/*name/velocity} rpm"
@@ -182,10 +179,9 @@ def test_files_are_motions_and_the_last_kind_validates(s, tmp_path):
     assert log.controller.kind == "position"
 
 
-@pytest.mark.parametrize(
-    ("rule", "validated"),
-    [("last:40%", "45"), ("every:2", "24"), ("motions '1,3'", "13"), ("kind 'log'", "")],
-)
+@pytest.mark.parametrize(("rule", "validated"), [
+    ("last:40%", "45"), ("every:2", "24"), ("motions '1,3'", "13"), ("kind 'log'", ""),
+])  # fmt: skip
 def test_roles_by_a_rule(table, rule, validated):
     request = Request(table, MAP, robot=ARM, motions="pause:0.5 s", validate=rule)
     if not validated:
@@ -220,8 +216,7 @@ def test_torques_of_a_record_of_rtde_and_currents_that_are_none(s, tmp_path):
 
 
 def test_constants_that_a_record_does_not_give_are_asked_for(s, tmp_path):
-    flat = replace(s, torque=np.where(np.arange(6) == 5, 0.0, s.torque))
-    path = rtde(tmp_path / "r.csv", flat)
+    path = rtde(tmp_path / "r.csv", replace(s, torque=np.where(np.arange(6) == 5, 0.0, s.torque)))
     usual = {"log": path, "format": "ur-rtde", "motions": "pause:0.5 s"}
     fails("does not give the torque constants of J6", **usual)
     fails("is not 6 positive numbers", torque="current: 12 12 10", **usual)
@@ -298,14 +293,8 @@ def test_stamps_of_reception_may_scatter(s, tmp_path):
     late = np.maximum.accumulate(times + np.where(rng.random(len(times)) < 0.05, 0.03, 0.0))
     late += 1e-4 * np.arange(len(late)) % 5e-4
     noisy = joint_states(replace(s, position=rested), unstamped=True)[2]
-    draft = convert(
-        Request(
-            bag(tmp_path / "b", [(topic, kind, noisy, late)]),
-            robot=ARM,
-            motions="pause:0.5 s",
-            torque="motor",
-        )
-    )
+    path = bag(tmp_path / "b", [(topic, kind, noisy, late)])
+    draft = convert(Request(path, robot=ARM, motions="pause:0.5 s", torque="motor"))
     assert len(draft.settings["motions"]) == 5
     assert not draft.wrong
 
@@ -343,9 +332,8 @@ def test_a_second_publisher_of_the_same_joints_is_left_out(s, tmp_path, late, em
     keep[3::4] = False  # of every second row the second publisher has none
     rows = np.flatnonzero(keep)
     messages = (topic, kind, lambda types, k: both(types, int(rows[k])), stamps[keep])
-    draft = convert(
-        Request(bag(tmp_path / "bag", [messages]), robot=ARM, motions="pause:0.5 s", torque="motor")
-    )
+    path = bag(tmp_path / "bag", [messages])
+    draft = convert(Request(path, robot=ARM, motions="pause:0.5 s", torque="motor"))
     others = (len(s.time) + 1) // 2
     noted(draft, f"{others} of {len(rows)} messages of /joint_states left out")
     np.testing.assert_allclose(draft.columns["q1_deg"], np.degrees(s.position[:, 0]), atol=1e-9)
@@ -369,10 +357,8 @@ def test_joint_states_of_a_topic_of_commands_are_commands(s, tmp_path):
     draft = convert(Request(path, **usual))
     np.testing.assert_allclose(draft.columns["q2_deg"], np.degrees(s.position[:, 1]), atol=1e-9)
     np.testing.assert_allclose(draft.columns["command2_deg"], np.degrees(ahead.position[:, 1]), atol=1e-9)
-    assert (
-        "rows of /isaac_joint_commands"
-        in convert(Request(path, topic="/isaac_joint_commands", **usual)).notes[0]
-    )
+    notes = convert(Request(path, topic="/isaac_joint_commands", **usual)).notes
+    assert "rows of /isaac_joint_commands" in notes[0]
 
 
 def test_publishers_of_parts_of_the_arm_are_told_from_a_wrong_name(s, tmp_path):
@@ -401,9 +387,8 @@ def test_franka_states_are_those_of_torque_sensors(s, tmp_path):
 
     def make(types, k):
         still, torque = np.zeros(7), np.arange(7.0) - 3
-        return types[FRANKA](
-            header=header(types, s.time[k]), q=seven[k], q_d=seven[k], dq=still + 1, tau_J=torque
-        )
+        values = {"q": seven[k], "q_d": seven[k], "dq": still + 1, "tau_J": torque}
+        return types[FRANKA](header=header(types, s.time[k]), **values)
 
     path = bag(tmp_path / "bag", [("/franka/state", FRANKA, make, s.time)], mcap=True)
     draft = convert(Request(path, robot="franka-panda", motions="pause:0.5 s"))
@@ -465,22 +450,14 @@ def test_a_joint_that_turns_without_end_has_no_limits(s, five, tmp_path):
     bounds[0] = np.nan
     np.testing.assert_allclose(log.mechanism.limits, bounds, atol=1e-6)
     columns["q1"] = columns["q1"] + 6 * np.pi
-    other = convert(Request(write_csv(tmp_path / "log.csv", columns), **request))
-    assert "J2 moves from" in other.wrong
+    assert "J2 moves from" in convert(Request(write_csv(tmp_path / "log.csv", columns), **request)).wrong
 
 
-@pytest.mark.parametrize(
-    ("unit", "of_rad", "words"),
-    [
-        ("deg", np.degrees, "are in deg, as stated"),
-        ("rad", np.asarray, "are in rad, as stated"),
-        (
-            "normalised",
-            lambda q: q / (np.pi / 2) * 100,
-            "-100 to 100 is the range of each joint in the robot",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("unit", "of_rad", "words"), [
+    ("deg", np.degrees, "are in deg, as stated"),
+    ("rad", np.asarray, "are in rad, as stated"),
+    ("normalised", lambda q: q / (np.pi / 2) * 100, "-100 to 100 is the range of each joint in the robot"),
+])  # fmt: skip
 def test_a_lerobot_data_set_in_each_unit(s, five, tmp_path, unit, of_rad, words):
     arm = s.position - s.position.mean(axis=0)
     gripper = np.insert(of_rad(arm[:, [3, 0, 1, 2, 4]]), 4, 50.0, axis=1)
@@ -509,11 +486,8 @@ def test_a_lerobot_data_set_with_its_calibration(s, five, tmp_path, unit):
     content = {name: dict(zip(keys, v, strict=True)) for name, v in zip(NAMES, values, strict=True)}
     (tmp_path / "c.json").write_text(json.dumps(content))
     steps = arm / (2 * np.pi) * 4096
-    shown = {
-        "steps": steps + ranges.mean(axis=1),
-        "deg": steps * 360 / 4095,
-        "normalised": 200 * steps / np.diff(ranges)[:, 0],
-    }
+    shown = {"steps": steps + ranges.mean(axis=1), "deg": steps * 360 / 4095}
+    shown["normalised"] = 200 * steps / np.diff(ranges)[:, 0]
     folder = lerobot(tmp_path / "set", s, NAMES, shown[unit])
     draft = convert(Request(folder, unit, robot=str(five), calibration=tmp_path / "c.json"))
     found = np.column_stack([draft.columns[f"q{k + 1}_deg"] for k in range(5)])
@@ -551,8 +525,7 @@ def test_angles_in_another_unit_than_stated_are_seen_by_their_steps():
 
 
 def test_lerobot_without_unit_or_beyond_its_range_is_refused(s, five, tmp_path):
-    arm = np.degrees(s.position[:, :5])
-    folder = lerobot(tmp_path / "set", s, NAMES, arm, info=True, real=True)
+    folder = lerobot(tmp_path / "set", s, NAMES, np.degrees(s.position[:, :5]), info=True, real=True)
     usual = {"log": folder, "robot": str(five)}
     fails("the unit of observation.state is not stated", **usual)
     fails("normalised values up to", map="normalised", **usual)
@@ -601,8 +574,7 @@ def test_an_mjcf_model_is_written_out_with_its_dynamics(s, tmp_path):
 
     path = tmp_path / "two.xml"
     path.write_text(MJCF)
-    columns = {"t": s.time} | of_joints("q", s.position[:, :2])
-    table = write_csv(tmp_path / "log.csv", columns)
+    table = write_csv(tmp_path / "log.csv", {"t": s.time} | of_joints("q", s.position[:, :2]))
     request = Request(table, "time=t s, j*=q*0 rad", robot=str(path), motions="pause:0.5 s")
     log, draft = imported(request, tmp_path)
     noted(draft, "joints at zero, as parts of the last body: gripper")
@@ -688,9 +660,8 @@ def test_values_of_all_joints_are_multiplied(s, tmp_path, text):
     columns = {"t": s.time} | of_joints("q", s.position, 1)
     columns |= of_joints("rate " if "rate" in text else "dq", rates, 1)
     path = write_csv(tmp_path / "log.csv", columns)
-    draft = convert(
-        Request(path, f"time=t s, j*=q* rad, j*_velocity={text}", robot=ARM, motions="pause:0.5 s")
-    )
+    said = f"time=t s, j*=q* rad, j*_velocity={text}"
+    draft = convert(Request(path, said, robot=ARM, motions="pause:0.5 s"))
     np.testing.assert_allclose(draft.columns["dq2_degps"], np.degrees(s.velocity[:, 1]), atol=1e-5)
 
 
@@ -699,11 +670,9 @@ def test_a_pause_without_rows_is_where_motions_are_divided(s, tmp_path):
     near = np.ones(len(s.time), bool)
     for row in np.flatnonzero(np.diff(s.motion) > 0):
         near[row - 72 : row - 30] = False
-    columns = {"t": s.time[near]} | of_joints("q", s.position[near])
-    path = write_csv(tmp_path / "log.csv", columns)
+    path = write_csv(tmp_path / "log.csv", {"t": s.time[near]} | of_joints("q", s.position[near]))
     draft = convert(Request(path, "time=t s, j*=q*0 rad", robot=ARM, motions="pause:0.4 s"))
-    found = pd.DataFrame(draft.columns).groupby("motion", sort=False)["t_s"]
-    steps = found.apply(lambda t: t.diff().max())
+    steps = pd.DataFrame(draft.columns).groupby("motion", sort=False)["t_s"].apply(lambda t: t.diff().max())
     assert len(steps) == 5
     assert steps[1:-1].max() < 0.02
 
@@ -721,20 +690,13 @@ def test_unsigned_currents_are_magnitudes(s, tmp_path):
 SWAPPED = "j1=q1 rad, j2=q0 rad, j3=q2 rad, j4=q3 rad, j5=q4 rad, j6=q5 rad"
 
 
-@pytest.mark.parametrize(
-    ("positions", "velocities", "words"),
-    [
-        (
-            "j*=q*0 deg",
-            "j*_velocity=dq*0 degps",
-            "no joint moves more than 1.2 deg: are angles in rad stated",
-        ),
-        ("j*=q*0 rad", "j*_velocity=dq*0 degps", "velocities are in rad/s, not deg/s"),
-        ("j*=q*0 rad", "j*_velocity=dq*0 / 0.0174533 radps", "velocities are in deg/s, not rad/s"),
-        (SWAPPED, "j*_velocity=dq*0 radps", "times that of its positions and stamps: are units, stamps and"),
-        ("j*=q*0 + 9 rad", "j*_velocity=dq*0 radps", "deg beyond its limits: are the unit and the order"),
-    ],
-)
+@pytest.mark.parametrize(("positions", "velocities", "words"), [
+    ("j*=q*0 deg", "j*_velocity=dq*0 degps", "no joint moves more than 1.2 deg: are angles in rad stated"),
+    ("j*=q*0 rad", "j*_velocity=dq*0 degps", "velocities are in rad/s, not deg/s"),
+    ("j*=q*0 rad", "j*_velocity=dq*0 / 0.0174533 radps", "velocities are in deg/s, not rad/s"),
+    (SWAPPED, "j*_velocity=dq*0 radps", "times that of its positions and stamps: are units, stamps and"),
+    ("j*=q*0 + 9 rad", "j*_velocity=dq*0 radps", "deg beyond its limits: are the unit and the order"),
+])  # fmt: skip
 def test_wrong_units_and_joints_are_seen(table, tmp_path, positions, velocities, words):
     draft = convert(Request(table, f"time=t s, {positions}, {velocities}", robot=ARM, motions="pause:0.5 s"))
     assert words in draft.wrong
@@ -744,27 +706,9 @@ def test_wrong_units_and_joints_are_seen(table, tmp_path, positions, velocities,
     assert read_log(tmp_path / "out").n == 6
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({}, "a single motion"),
-        ({"motions": "sometimes"}, "'sometimes' is not a rule for motions"),
-        ({"motions": "column"}, "no column holds `motion`"),
-        ({"motions": "files", "noise": "1 mm"}, "--noise: is not an option of joint logs (csv)"),
-        ({"motions": "files", "pair": "id"}, "--pair: is not an option of joint logs"),
-        ({"motions": "files", "table": "xml"}, "must be csv or parquet"),
-        ({"motions": "files", "torque": "speed"}, "a single motion"),
-        ({"motions": "pause:300 s"}, "no pause is as long"),
-        ({"motions": "pause:0.5 s", "torque": "speed"}, "`speed` is no kind of torque"),
-        ({"motions": "pause:0.5 s", "validate": "some"}, "'some' is not a rule for validation motions"),
-        ({"motions": "pause:0.5 s", "map": "j*=q*0 rad"}, "no column holds the time"),
-        ({"motions": "pause:0.5 s", "map": ""}, "the contents and units of the columns are not stated"),
-        ({"motions": "pause:0.5 s", "robot": ""}, "the robot is not stated"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), cases("import_motion_refusals"))
 def test_what_is_missing_is_refused(table, options, words):
-    given = {"map": MAP, "motions": "files"} | options
-    fails(words, log=table, **given)
+    fails(words, log=table, **{"map": MAP, "motions": "files"} | options)
 
 
 def test_quantities_of_joint_logs_are_refused_in_logs_of_contacts(table):

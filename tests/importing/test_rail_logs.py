@@ -39,14 +39,11 @@ def test_a_position_in_metres(folder, tmp_path):
     np.testing.assert_allclose(readings, read_dataset(folder).measurements.readings, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("j1=Rail", "j1=Rail deg", "`deg` is a unit of angle, not of length"),
-        ("j2=A1 deg", "j2=A1 mm", "`mm` is a unit of length, not of angle"),
-        ("j1=Rail", "j1_deg=Rail", "not of length"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("j1=Rail", "j1=Rail deg", "`deg` is a unit of angle, not of length"),
+    ("j2=A1 deg", "j2=A1 mm", "`mm` is a unit of length, not of angle"),
+    ("j1=Rail", "j1_deg=Rail", "not of length"),
+])  # fmt: skip
 def test_units_of_another_kind(folder, tmp_path, old, new, words):
     found = imported(folder, tmp_path / "out", MAP.replace(old, new))
     assert found.exit_code == 1

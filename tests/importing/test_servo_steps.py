@@ -59,15 +59,12 @@ def test_names_of_another_robot_follow_the_ids(file):
 ENTRY = {"id": 1, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 9}
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ([], "not a calibration of servos"),
-        ({"a": {"id": 1}}, "not whole numbers"),
-        ({"a": ENTRY | {"homing_offset": 0.5}}, "not whole"),
-        ({"a": ENTRY | {"range_min": 9}}, "not below"),
-    ],
-)
+@pytest.mark.parametrize(("content", "words"), [
+    ([], "not a calibration of servos"),
+    ({"a": {"id": 1}}, "not whole numbers"),
+    ({"a": ENTRY | {"homing_offset": 0.5}}, "not whole"),
+    ({"a": ENTRY | {"range_min": 9}}, "not below"),
+])  # fmt: skip
 def test_other_files_are_refused(tmp_path, content, words):
     (tmp_path / "c.json").write_text(json.dumps(content))
     refused(words, lambda: read_calibration(tmp_path / "c.json"))

@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from cases import ROOT, refused
+from cases import ROOT, cases, refused
 from motion.made import write
 
 from bayescal.errors import BayescalError
@@ -51,25 +51,7 @@ def test_units_and_roles(log):
     assert not made.motions[0].loaded
 
 
-REFUSED = [
-    ("dataset.yaml", "bayescal-motion/1", "bayescal-motion/9", r"dataset.yaml:1: schema .* another version"),
-    ("dataset.yaml", "name: A", "name: A\n      axis: [0, 0, 0]", "the axis of A is zero"),
-    ("dataset.yaml", "name: A", "name: A\n      limits_deg: [9, -9]", "limits of A are not in order"),
-    ("dataset.yaml", "mass_kg: 4", "mass_kg: -4", r"dataset.yaml:\d+: "),
-    ("dataset.yaml", r"  - \{id: 8.*\n", "", "motion `8` of the table is not in `motions`"),
-    ("dataset.yaml", "id: 8,", "id: 9,", "motion `8` of the table is not in `motions`"),
-    ("dataset.yaml", "same_as: 1,", "same_as: 77,", "`same_as` names no motion: `77`"),
-    ("dataset.yaml", "role: calibrate", "role: train", r"dataset.yaml:\d+: "),
-    ("motion.csv.gz", r"\n0\.05,", "\n-1,", r"motion.csv.gz:5: `t_s` does not increase"),
-    ("motion.csv.gz", r"\n0\.05,1,[^,]*,", "\n0.05,1,nan,", "motion.csv.gz:5: `q1_deg` is not a finite"),
-    ("motion.csv.gz", r"\n0\.05,1,[^,]*,", "\n0.05,1,1e111,", "motion.csv.gz:5: `q1_deg` is beyond"),
-    ("motion.csv.gz", "q2_deg", "q2_rad", "column `q2_deg` is missing"),
-    ("motion.csv.gz", "torque3_Nm", "torque_3", "column `torque3_Nm` is missing"),
-    ("motion.csv.gz", "t_s", "time", "column `t_s` is missing"),
-]
-
-
-@pytest.mark.parametrize(("file", "old", "new", "message"), REFUSED)
+@pytest.mark.parametrize(("file", "old", "new", "message"), cases("motion_refusals"))
 def test_what_is_wrong_is_refused_with_its_place(changed, file, old, new, message):
     refused(message, lambda: read_log(changed(file, old, new)))
 
@@ -95,8 +77,7 @@ def test_motions_need_two_and_a_table(changed, log, tmp_path):
 
 
 def test_unsigned_torques_are_not_torques(changed):
-    folder = changed("dataset.yaml", "noise: {", "torque: {sign: none}\nnoise: {")
-    made = read_log(folder)
+    made = read_log(changed("dataset.yaml", "noise: {", "torque: {sign: none}\nnoise: {"))
     assert made.motions[0].torque is None
     assert not made.signed
 

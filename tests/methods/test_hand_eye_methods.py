@@ -22,16 +22,14 @@ def test_a_solver_finds_the_hand_eye(mount, solver):
 
 
 def test_they_are_compared():
-    zeros = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
-    session = camera_session(images=15, arm=zeros, validate=4)
+    session = camera_session(images=15, arm=np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0]), validate=4)
     (t,) = session.targets  # errors of the lens are parameters of the model
     session = replace(session, targets=(replace(t, values=t.values | {"fx": t.values["fx"] + 3.0}),))
     rows = compare(session, ("geometry",)).rows
     error = {r.method.name: r.result.validation.point_lengths.rms for r in rows if r.result}
     fitted = fit(session, ("geometry",), samples=0).final.validation.point_lengths
     assert error["bayescal"] == pytest.approx(fitted.rms, rel=1e-3)
-    solved = [error[f"hand-eye {s.capitalize()}"] for s in SOLVERS]
-    assert error["bayescal"] < 0.5 * min(solved)
+    assert error["bayescal"] < 0.5 * min([error[f"hand-eye {s.capitalize()}"] for s in SOLVERS])
     for row in (row for row in rows if row.result and row.method.name.startswith("hand-eye")):
         named = [p.name for p in row.result.solution.model.parameters]
         moved = {name for name, value in zip(named, row.result.solution.values, strict=True) if value}

@@ -18,8 +18,7 @@ from bayescal.methods import METHODS, Comparison, compare, predicted, validated
 from bayescal.methods.normals import in_normals, triplets
 from bayescal.methods.published import OURS, PLANES, in_joints, is_plane, joint_change
 from bayescal.methods.solving import System, contacts, estimable, part
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 from bayescal.predict.validation import Errors
 from bayescal.reporting.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison
 from bayescal.simulation import Options
@@ -51,8 +50,7 @@ def posed() -> Dataset:
 
 @cache
 def compared(which: str) -> Comparison:
-    made = {"touched": touched, "tracked": read_by_tracker, "posed": posed}
-    return compare(made[which](), EFFECTS)
+    return compare({"touched": touched, "tracked": read_by_tracker, "posed": posed}[which](), EFFECTS)
 
 
 def results(comparison: Comparison):
@@ -76,9 +74,8 @@ def test_without_noise_points_are_true(name, which):
 
 
 def test_what_a_session_lacks_is_said():
-    why = {
-        row.method.name: row.why for row in (*compared("touched").rows, *compared("tracked").rows) if row.why
-    }
+    rows = (*compared("touched").rows, *compared("tracked").rows)
+    why = {row.method.name: row.why for row in rows if row.why}
     assert set(why) == {"open loop", "normals", "known planes", "linear steps"}
     assert "instrument" in why["open loop"]
     assert "no plane" in why["normals"]
@@ -98,15 +95,13 @@ def test_without_a_certified_length_the_peers_refuse():
 
 def test_stated_planes_need_no_certificate():
     stated = tuple(replace(t, u=1e-5, u_angle=1e-5) if t.kind == "plane" else t for t in touched().targets)
-    bare = replace(touched(), certificates=(), targets=stated)
-    model = build(Scene(bare), EFFECTS)
+    model = build(Scene(replace(touched(), certificates=(), targets=stated)), EFFECTS)
     assert next(m for m in METHODS if m.name == "known planes").missing(model) == ""
 
 
 def test_known_planes_believe_what_is_stated():
     """A cube of another shape than stated spoils distances for those who hold it, as far as it is wrong."""
-    wrong = session.touched(LAYOUT, 2, shape_error=50e-6)
-    found = results(compare(wrong, EFFECTS, methods=(PLANES,)))
+    found = results(compare(session.touched(LAYOUT, 2, shape_error=50e-6), EFFECTS, methods=(PLANES,)))
     assert UM * found["known planes"].validation.distance_errors.maximum > 10
 
 
@@ -211,9 +206,8 @@ def test_report_says_all(tmp_path):
     for row, method in zip(comparison.rows, record["methods"], strict=True):
         if row.result:
             s = row.result.solution
-            values = [
-                UNITS[p.unit][1] * (p.nominal + v) for p, v in zip(s.model.parameters, s.values, strict=True)
-            ]
+            pairs = zip(s.model.parameters, s.values, strict=True)
+            values = [UNITS[p.unit][1] * (p.nominal + v) for p, v in pairs]
             assert [p["estimate"] for p in method["parameters"]] == pytest.approx(values)
     for method in (m for m in record["methods"] if m["applies"]):  # each size is that of its name
         errors, of = [d["error_um"] for d in method["distances"]], method["heldout"]
@@ -235,9 +229,8 @@ def test_report_says_all(tmp_path):
 def test_each_column_is_the_figure_of_its_heading():
     """Of errors with other figures for each kind of measurement."""
     rng = np.random.default_rng(0)
-    values = {
-        kind: np.abs(rng.standard_normal(9)) for kind in ("contacts", "distance_errors", "point_lengths")
-    }
+    kinds = ("contacts", "distance_errors", "point_lengths")
+    values = {kind: np.abs(rng.standard_normal(9)) for kind in kinds}
     checked = SimpleNamespace(**{kind: Errors(v, np.zeros((2, 9))) for kind, v in values.items()})
     of = dict(zip(("planes", "distances", "points"), values.values(), strict=True))
     figures = {"rms": lambda v: np.sqrt(np.mean(v**2)), "mean": np.mean, "max": np.max}
@@ -255,40 +248,28 @@ HELD = {"points": 0, "plane_contacts": 40, "planes_rms_um": 5.0, "points_mean_um
 def record(sort: str, **distances: float | None):
     methods = []
     for name, rms in distances.items():
-        held = {
-            **HELD,
-            "distances_rms_um": rms,
-            "predicted_distance_sd_um": 6.0 if name == "bayescal" else None,
-        }
+        predicted = 6.0 if name == "bayescal" else None
+        held = {**HELD, "distances_rms_um": rms, "predicted_distance_sd_um": predicted}
         methods.append({"name": name, "applies": rms is not None, "why": "", "seconds": 0.1, "heldout": held})
     return {"sort": sort, "methods": methods}
 
 
 def test_page_pools_sessions_and_keeps_the_rest(renewed):
-    done = [
-        record("clean", normals=3.0, bayescal=3.0),
-        record("clean", normals=None, bayescal=4.0),
-        {"sort": "clean", "seed": 3, "refused": "no place"},
-    ]
+    done = [record("clean", normals=3.0, bayescal=3.0), record("clean", normals=None, bayescal=4.0)]
+    done += [{"sort": "clean", "seed": 3, "refused": "no place"}]
     text = renewed(page, lambda path: between(path, (page.BEGIN, page.END), page.tables(done)))
     assert "clean (2)" in text
     assert "| normals | 3.0 |" in text
     assert "| bayescal | 3.5 |" in text  # root of the mean of 9 and 16
 
 
-@pytest.mark.parametrize("holds", ["nothing", "something"])
-def test_command_line(tmp_path, holds, command):
-    out = tmp_path / "out"
-    if holds == "something":
-        out.mkdir()
-        (out / "mine.txt").write_text("mine")
+def test_command_line(tmp_path, error_of, output_of):
+    out, mine = tmp_path / "out", tmp_path / "mine" / "mine.txt"
+    mine.parent.mkdir()
+    mine.write_text("mine")
     write_dataset(read_by_tracker(), tmp_path / "session")
-    code, text, errors = command("compare", tmp_path / "session", "--out", out)
-    if holds == "something":
-        assert code == 1
-        assert "the folder contains files that bayescal did not write: mine.txt" in errors
-        assert [p.name for p in out.iterdir()] == ["mine.txt"]
-        return
-    assert code == 0, errors
-    assert "open loop" in text
+    error = error_of("compare", tmp_path / "session", "--out", mine.parent)
+    assert "the folder contains files that bayescal did not write: mine.txt" in error
+    assert list(mine.parent.iterdir()) == [mine]
+    assert "open loop" in output_of("compare", tmp_path / "session", "--out", out)
     assert json.loads((out / "compare.json").read_text())["schema"] == "bayescal-compare/1"

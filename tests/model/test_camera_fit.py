@@ -8,10 +8,8 @@ from camera_sessions import FIXED, FOCAL, ON_FLANGE, camera_session
 
 from bayescal.effects import imaging
 from bayescal.estimate import estimate
-from bayescal.model import ARM, build
-from bayescal.model.model import with_parameters
+from bayescal.model import ARM, Scene, build, with_parameters
 from bayescal.model.parts import view
-from bayescal.model.scene import Scene
 from factors.kind import rotation_vector
 
 
@@ -20,8 +18,7 @@ def test_truth_is_within_the_uncertainty(mount):
     off, count = [], 0
     zeros = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
     for seed in range(4):
-        scene = Scene(camera_session(mount, images=25, seed=seed, arm=zeros))
-        model = build(scene, ("geometry",))
+        model = build(Scene(camera_session(mount, images=25, seed=seed, arm=zeros)), ("geometry",))
         found = estimate(model)
         u = np.sqrt(np.diag(found.covariance)) * np.concatenate([model.sd, model.blocks[0].sd])
         value = dict(zip(model.names, model.physical(found.z), strict=True))
@@ -109,10 +106,6 @@ def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount, rough
             expected = (ends[0] - ends[1]) / 2e-6
             size = np.max(np.abs(expected))
             for row, axis in enumerate("uv"):
-                np.testing.assert_allclose(
-                    found.get(axis, 0.0 * expected[row]) / size,
-                    expected[row] / size,
-                    atol=1e-6,
-                    err_msg=p.name,
-                )
+                slope = found.get(axis, 0.0 * expected[row]) / size
+                np.testing.assert_allclose(slope, expected[row] / size, atol=1e-6, err_msg=p.name)
             assert q.sd == pytest.approx(3.0 * p.sd)

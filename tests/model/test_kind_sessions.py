@@ -77,14 +77,7 @@ def check_held_out(result, share=0.87) -> None:
     checks = [*v.planes, *v.points, *v.turns]
     assert checks
     for check in checks:
-        inside = inside95(check.residuals, check.predicted)
-        assert inside.mean() > share, check.target
-
-
-@pytest.fixture(scope="module")
-def several(cube):
-    """Three reflectors on one tracker, two of which another sees too."""
-    return of_pieces(cube(seed=5), (NORTH, SOUTH), planes=False)
+        assert inside95(check.residuals, check.predicted).mean() > share, check.target
 
 
 @pytest.fixture(scope="module")
@@ -95,30 +88,13 @@ def posed(cube):
     return of_pieces(cube(seed=6), (probes, plain), planes=False, seed=1)
 
 
-@pytest.fixture(scope="module")
-def every(cube):
-    """A target of every kind, with certificates across kinds."""
-    pieces = (
-        *BALLS,
-        cone("cone", [0.42, 0.05, 0.20], [1e-3, 1e-3, 0], count=12),
-        bar("bar", [0.45, 0.1, -0.05], [0, -1e-3, 1e-3], count=30),
-        pin("pin", [0.5, -0.05, 0.25], [0.0, 0.0, 1.0], [1e-3, -1e-3, 0], count=24),
-        replace(NORTH, count=60, held=12, poses=True),
-    )
-    papers = (
-        apart(*BALLS),
-        apart(BALLS[0], pieces[2]),
-        apart(pieces[2], pieces[3]),
-        apart(BALLS[1], pieces[3]),
-    )
-    return of_pieces(cube(seed=8, count=60), pieces, papers, seed=3)
-
-
 def scales_are_right(found):
     return all(0.7 < s < 1.4 for g, s in found.weights.scale.items() if g != "orientation")
 
 
-def test_several_instruments(several):
+def test_several_instruments(cube):
+    # three reflectors on one tracker, two of which another sees too
+    several = of_pieces(cube(seed=5), (NORTH, SOUTH), planes=False)
     found = calibrated(Scene(several.dataset, oriented=True), FULL)
     check_truth(several, found)
     assert scales_are_right(found)
@@ -184,12 +160,9 @@ def test_certificates_between_kinds(cube, tmp_path):
     check_truth(session, found)
     bare = calibrated(Scene(replace(told, certificates=())), FULL)
     for constraint in found.model.constraints:
-        left, free = (
-            constraint.linearise(
-                np.zeros(0), *(m.block_of[n].state(z[m.slices[n]]) for n in constraint.targets)
-            )[0]
-            for m, z in ((found.model, found.z), (bare.model, bare.z))
-        )
+        both = ((found.model, found.z), (bare.model, bare.z))
+        states = ([m.block_of[n].state(z[m.slices[n]]) for n in constraint.targets] for m, z in both)
+        left, free = (constraint.linearise(np.zeros(0), *own)[0] for own in states)
         assert abs(left[0]) < 3
         assert abs(free[0]) > 2 * abs(left[0])
 
@@ -217,12 +190,10 @@ def test_how_a_probe_stands_is_found(posed):
     assert tools == {"north", "east"}
     values, sd = model.physical(found.z), found.sd
     for name in tools:
-        row = next(
-            k for k, t in enumerate(scene.dataset.measurements.tool) if scene.dataset.tools[t].name == name
-        )
+        tools = [t.name for t in scene.dataset.tools]
+        row = scene.dataset.measurements.tool.tolist().index(tools.index(name))
         at = [model.names.index(f"{name} {axis}") for axis in ("rx", "ry", "rz")]
-        stands = scene.tool_frames[row]
-        true = rotation_vector(stands.T @ posed.tools[name][1])
+        true = rotation_vector(scene.tool_frames[row].T @ posed.tools[name][1])
         spread = sd[at] * LOOSE_ANGLE
         assert np.all(np.abs(values[at] - true) < 4.5 * spread), (values[at], true)
         assert spread.max() < 3e-3
@@ -259,18 +230,26 @@ def test_latent_readings_and_draws_of_poses(posed):
     latent = with_latent_readings(found)
     assert np.max(np.abs(latent.z - found.z) / found.sd) < 0.2
     np.testing.assert_allclose(latent.sd, found.sd, rtol=0.03)
-    drawn = gaussian(found, 0, 4000).flat
-    np.testing.assert_allclose(drawn.std(axis=0), found.sd, rtol=0.1)
+    np.testing.assert_allclose(gaussian(found, 0, 4000).flat.std(axis=0), found.sd, rtol=0.1)
     density = Density(found)
     contacts, rest = density.misfit(found.z[None])
-    whole = np.sum(found.linear.residual**2)
-    assert contacts[0] @ density.kappa**-2.0 == pytest.approx(whole, rel=1e-9)
+    assert contacts[0] @ density.kappa**-2.0 == pytest.approx(np.sum(found.linear.residual**2), rel=1e-9)
     assert rest[0] == pytest.approx(found.z @ found.z)
 
 
-def test_gap_takes_every_kind(every):
+def test_gap_takes_every_kind(cube):
     """No false name on an arm that errs by nothing but geometry and compliance."""
-    found = diagnose(plain(every.dataset))
+    # a target of every kind, with certificates across kinds
+    pieces = (
+        *BALLS,
+        cone("cone", [0.42, 0.05, 0.20], [1e-3, 1e-3, 0], count=12),
+        bar("bar", [0.45, 0.1, -0.05], [0, -1e-3, 1e-3], count=30),
+        pin("pin", [0.5, -0.05, 0.25], [0.0, 0.0, 1.0], [1e-3, -1e-3, 0], count=24),
+        replace(NORTH, count=60, held=12, poses=True),
+    )
+    pairs = (BALLS, (BALLS[0], pieces[2]), pieces[2:4], (BALLS[1], pieces[3]))
+    papers = tuple(apart(*pair) for pair in pairs)
+    found = diagnose(plain(of_pieces(cube(seed=8, count=60), pieces, papers, seed=3).dataset))
     assert found.verdict.kind == "null", found.verdict
     assert found.magnitude.validation_rms < 25e-6
     assert any("orientation" in warning for warning in warnings(found))
@@ -285,8 +264,7 @@ def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
     m = dataset.measurements
     readings = m.readings.copy()
     readings[:, 5] -= 1e-3 * np.sin(readings[:, 5] + 0.7)
-    off = with_columns(plain(dataset), readings=readings)
-    found = diagnose(off)
+    found = diagnose(with_columns(plain(dataset), readings=readings))
     assert found.verdict.kind == "named"
     assert [(n.effect, n.site) for n in found.verdict.named] == [("eccentricity", "joint 6")]
     # what is told in metres is of the points, and these hardly tell
@@ -306,8 +284,7 @@ def test_poses_come_back_from_disk(posed, tmp_path):
 @pytest.mark.parametrize("factor", [np.pi / 180, 180 / np.pi])
 def test_orientations_in_radians_are_refused(posed, tmp_path, factor):
     """Turns from row to row are as large as the arm's, whatever the frames."""
-    rows = posed.dataset.measurements
-    wrong = with_columns(posed.dataset, rpy=rows.rpy * factor)
+    wrong = with_columns(posed.dataset, rpy=posed.dataset.measurements.rpy * factor)
     write_dataset(wrong, tmp_path / "poses")
     refused("orientation", lambda: read_dataset(tmp_path / "poses"))
 

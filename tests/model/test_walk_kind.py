@@ -8,7 +8,7 @@ from shutil import copytree
 
 import numpy as np
 import pytest
-from cases import refused
+from cases import file_text, refused
 from kind_sessions import MIDDLE, Piece, of_pieces
 from sessions import plain
 
@@ -25,41 +25,6 @@ from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.setup import continued, regions_of
 from bayescal.storage.files import Number, Vector
 
-FILE = '''
-from dataclasses import dataclass
-
-import numpy as np
-
-from factors.kind import Feature, dot, slopes
-
-
-@dataclass(frozen=True)
-class Gauge:
-    """A height gauge: the TCP stands at a height along a known direction."""
-
-    direction: np.ndarray
-    height: float
-    sd: np.ndarray
-    rows = 1
-    parts = (("height", "m"),)
-
-    def residual(self, x, p):
-        return (dot(self.direction, p) - (self.height + x[..., :1]))[..., None, :]
-
-    def linearise(self, x, p):
-        r = self.residual(x, p)
-        u = np.broadcast_to(self.direction[:, None], (*r.shape[:-1], 3, r.shape[-1]))
-        return r, u, np.full((*r.shape, 1), -1.0)
-
-    def describe(self, x):
-        return {"direction": self.direction, "height": float(self.height + x[0])}
-
-    def feature(self, x):
-        by = slopes(x)
-        by[..., 0, :] = self.direction
-        turn = np.broadcast_to(self.direction, (*x.shape[:-1], 3))
-        return Feature((self.height + x) * self.direction, by, turn, slopes(x))
-'''
 UP, HEIGHT, OFF = np.array([0.0, 0.0, 1.0]), 0.3, 2e-3
 CENTRE, SIZE = np.array([0.4, 0.0, HEIGHT]), np.array([0.3, 0.4])
 GAUGE = Target("gauge", "gauge", {"direction": UP, "height": HEIGHT}, 5e-3)
@@ -82,7 +47,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def made_up(folder):
     """The kind, made of a file in a temporary folder and of one declaration."""
-    (folder / "height_gauge.py").write_text(FILE)
+    (folder / "height_gauge.py").write_text(file_text("walks/height_gauge.txt"))
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         patch.delitem(sys.modules, "height_gauge", raising=False)
@@ -139,19 +104,14 @@ def test_fit_takes_it(dataset):
     assert np.sqrt(np.mean(check.residuals**2)) < 15e-6
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"height_mm: 300": "height: 300"}, "key `height` has no unit in its name; write `height_mm`"),
-        ({"height_mm: 300, ": ""}, "missing `height_mm`"),
-        ({"[0, 0, 1], height": "[0, 0, 2], height"}, "the direction of `gauge` has length 2, not 1"),
-        ({"kind: gauge": "kind: gage"}, "unknown kind 'gage'"),
-        (
-            {"height_mm: 300": "height_mm: 900", "[400, 0, 300]": "[400, 0, 900]"},
-            "all contacts of `gauge` are nominally",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"height_mm: 300": "height: 300"}, "key `height` has no unit in its name; write `height_mm`"),
+    ({"height_mm: 300, ": ""}, "missing `height_mm`"),
+    ({"[0, 0, 1], height": "[0, 0, 2], height"}, "the direction of `gauge` has length 2, not 1"),
+    ({"kind: gauge": "kind: gage"}, "unknown kind 'gage'"),
+    ({"height_mm: 300": "height_mm: 900", "[400, 0, 300]": "[400, 0, 900]"},
+     "all contacts of `gauge` are nominally"),
+])  # fmt: skip
 def test_its_mistakes_are_told_like_those_of_any_kind(declared, written, tmp_path, wrong, words):
     file = Path(copytree(written[0], tmp_path / "s")) / "dataset.yaml"
     text = file.read_text()
@@ -191,12 +151,9 @@ def test_a_plan_needs_its_places_and_its_extent(dataset, declared, monkeypatch):
     refused(r"kind gauge cannot be planned.*kinds: plane, .*instrument", lambda: regions_of(dataset))
 
 
-@pytest.mark.parametrize(
-    ("centre", "size", "words"),
-    [
-        (CENTRE, SIZE[:1], r"has 1 entries in `size_mm`; a gauge needs \[width, height\]"),
-        (CENTRE + 0.01 * UP, SIZE, r"has its centre 10\.0 mm off the face"),
-    ],
-)
+@pytest.mark.parametrize(("centre", "size", "words"), [
+    (CENTRE, SIZE[:1], r"has 1 entries in `size_mm`; a gauge needs \[width, height\]"),
+    (CENTRE + 0.01 * UP, SIZE, r"has its centre 10\.0 mm off the face"),
+])  # fmt: skip
 def test_a_wrong_region_is_refused(dataset, centre, size, words):
     assert re.search(words, "; ".join(reason_against(GAUGE, Patch(np.asarray(centre), size))))

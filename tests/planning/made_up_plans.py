@@ -3,8 +3,7 @@
 import numpy as np
 from sessions import with_columns
 
-from bayescal.dataset import Dataset
-from bayescal.dataset.types import Box
+from bayescal.dataset import Box, Dataset
 from bayescal.effects.location import PROBE, joint, link
 from bayescal.planning import result
 from bayescal.planning.pool import Pool, Setup
@@ -29,9 +28,8 @@ def made_up_plan(dataset: Dataset, count: int = 40, validation: int = 8) -> resu
     repeat = np.where(np.arange(len(ids)) % 10 == 3, "r1", "")
     repeat[count:] = ""
     session = with_columns(session, role=role, repeat=repeat)
-    purpose = [result.DISTANCES if k % 2 else result.GAP for k in range(count)] + [
-        result.VALIDATE
-    ] * validation
+    purpose = [result.DISTANCES if k % 2 else result.GAP for k in range(count)]
+    purpose += [result.VALIDATE] * validation
     purpose = tuple(result.REPEAT if r else p for p, r in zip(purpose, repeat, strict=True))
     back = 0.0 if m.velocity is None else AWAY * m.velocity
     setup = Setup(dataset, {}, Box(np.array([0.4, 0.0, 0.3]), np.array([0.3, 0.4, 0.2])), (0.5,))

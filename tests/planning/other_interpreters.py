@@ -54,9 +54,8 @@ class Fanuc(Interpreter):
         lines = [re.fullmatch(r" *(\d+):  (.*) ;", line).groups() for line in body.splitlines()]
         assert [int(k) for k, _ in lines] == list(range(1, len(lines) + 1))
         self.lines = [line for _, line in lines]
-        self.labels = {
-            int(m[1]): k for k, line in enumerate(self.lines) if (m := re.fullmatch(r"LBL\[(\d+)\]", line))
-        }
+        marks = ((k, re.fullmatch(r"LBL\[(\d+)\]", line)) for k, line in enumerate(self.lines))
+        self.labels = {int(m[1]): k for k, m in marks if m}
         assert len(self.labels) == sum(line.startswith("LBL") for line in self.lines), "a label twice"
         self.registers: dict[int, np.ndarray] = {}
         self.r: dict[int, int] = {}
@@ -100,9 +99,8 @@ class Fanuc(Interpreter):
         return self
 
     def _motion(self, line: str, at: int) -> int:
-        found = re.fullmatch(
-            r"([JL]) P\[(\d+)\] (\d+)(%|mm/sec) FINE(?: Skip,LBL\[(\d+)\](?:,PR\[(\d+)\]=JPOS)?)?", line
-        )
+        skip = r"(?: Skip,LBL\[(\d+)\](?:,PR\[(\d+)\]=JPOS)?)?"
+        found = re.fullmatch(rf"([JL]) P\[(\d+)\] (\d+)(%|mm/sec) FINE{skip}", line)
         assert found, line
         assert (found[1] == "J") == (found[4] == "%")
         assert self.armed or not found[5], "no condition for a skip"
@@ -120,10 +118,8 @@ class Fanuc(Interpreter):
         out = ["[*POSREG*]$POSREG  Storage: CMOS  Access: RW  : ARRAY[1,100] OF Position Reg"]
         for k, q in sorted(self.registers.items()):
             joints = [f"J{j + 1} = {x:12.5f} deg" for j, x in enumerate(q)]
-            out += [
-                f"     [1,{k}] =   ''   Group: 1",
-                *(f"  {'   '.join(joints[i : i + 3])}" for i in (0, 3)),
-            ]
+            out += [f"     [1,{k}] =   ''   Group: 1"]
+            out += [f"  {'   '.join(joints[i : i + 3])}" for i in (0, 3)]
         return "\n".join(out) + "\n"
 
 
@@ -275,11 +271,8 @@ class Abb(Interpreter):
         ):
             main, _, handler = body.partition("ERROR\n")
             own = [line for line in main.splitlines() if line and not line.startswith(("!", "VAR "))]
-            self.procedures[name] = (
-                [p.split()[-1] for p in parameters.split(", ") if p],
-                own,
-                handler.splitlines(),
-            )
+            names = [p.split()[-1] for p in parameters.split(", ") if p]
+            self.procedures[name] = (names, own, handler.splitlines())
         self.log = ""
 
     def run(self) -> Abb:
@@ -362,8 +355,7 @@ class Abb(Interpreter):
             pass
         else:
             name, _, rest = line.partition(" ")
-            parts = re.findall(r"\[\[.*?\],\[.*?\]\]|[^,]+", rest)
-            self._call(name, parts, scope)
+            self._call(name, re.findall(r"\[\[.*?\],\[.*?\]\]|[^,]+", rest), scope)
 
     def _speed(self, name: str, scope: dict) -> float:
         return 1e-3 * float(self.speeds[str(scope.get(name, name))])

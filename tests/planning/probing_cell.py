@@ -36,9 +36,8 @@ class Arm:
         robot = yaml.safe_load((Path(bayescal.__file__).parent / "robots" / f"{name}.yaml").read_text())
         assert robot["convention"] == "mdh"
         rows = robot["joints"]
-        self.alpha, self.offset = (
-            np.radians([r[k] for r in rows]).astype(float) for k in ("alpha_deg", "offset_deg")
-        )
+        angles = ([r[key] for r in rows] for key in ("alpha_deg", "offset_deg"))
+        self.alpha, self.offset = (np.radians(values).astype(float) for values in angles)
         self.a, self.d = (1e-3 * np.array([r[k] for r in rows], float) for k in ("a_mm", "d_mm"))
         for key, value in (error or {}).items():
             setattr(self, key, getattr(self, key) + np.array(value))
@@ -129,8 +128,7 @@ class Cell:
 
     def depth(self, q: np.ndarray) -> np.ndarray:
         """How far the ball is inside a surface, m, at readings (M, 6); negative outside."""
-        balls = self.true.ball(q)
-        off = balls[:, None] - self.points - self._lift[:, None] * self.normals
+        off = self.true.ball(q)[:, None] - self.points - self._lift[:, None] * self.normals
         inward = -np.einsum("mki,ki->mk", off, self.normals)
         across = np.linalg.norm(off + inward[..., None] * self.normals, axis=2)
         inward = np.where((across < PATCH) & (inward < DEEP), inward, -1.0)

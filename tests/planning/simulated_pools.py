@@ -12,9 +12,7 @@ from bayescal.model.options import parts_of
 from bayescal.planning.pool import Linearised, Pool, Setup, linearised
 from bayescal.planning.projection import nominal as at_nominal
 from bayescal.robots import load_robot
-from bayescal.simulation import Options
-from bayescal.simulation.record import distance_certificates
-from bayescal.simulation.session import plan
+from bayescal.simulation import Options, distance_certificates, plan
 
 MODEL = ("geometry", "compliance")
 
@@ -52,11 +50,8 @@ def mixed() -> Pool:
     tracked = (m.role == "calibrate") & (np.arange(len(m.role)) % 3 == 0)
     tracker = Target("tracker", "instrument", {"xyz": np.array([2.0, 0.0, 0.5]), "rpy": np.zeros(3)})
     seen = Scene(dataset).points - tracker.values["xyz"]
-    rows = replace(
-        m,
-        target=np.where(tracked, len(dataset.targets), m.target),
-        xyz=np.where(tracked[:, None], seen, np.nan),
-    )
+    target = np.where(tracked, len(dataset.targets), m.target)
+    rows = replace(m, target=target, xyz=np.where(tracked[:, None], seen, np.nan))
     noise = replace(dataset.noise, point=20e-6)
     return pool_of(replace(dataset, targets=(*dataset.targets, tracker), noise=noise, measurements=rows))
 

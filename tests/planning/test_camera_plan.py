@@ -13,9 +13,8 @@ from analysis.planning.ways import against
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.shapes import HalfSpace
 from bayescal.arm.transforms import rpy_matrix
-from bayescal.dataset import write_dataset
+from bayescal.dataset import PlanSettings, write_dataset
 from bayescal.dataset.cameras import PIXEL
-from bayescal.dataset.types import PlanSettings
 from bayescal.errors import BayescalError
 from bayescal.planning.candidates import Possible, candidates, session_of, usual_count
 from bayescal.planning.exchange import select
@@ -57,10 +56,8 @@ def pose(rpy, xyz):
 def test_the_noise_that_was_found_is_that_which_is_stated_or_assumed_times_its_scale(stated, expected):
     found = replace(setup(), noise_scale={"pixel": 1.5})
     noise = replace(found.dataset.noise, pixel=stated)
-    count = len(found.dataset.measurements.ids)
-    table = replace(found.dataset.measurements, u=np.full(count, 0.2))
-    given = replace(found.dataset, noise=noise, measurements=table)
-    there = replace(found, dataset=given).at_its_noise
+    table = replace(found.dataset.measurements, u=np.full(len(found.dataset.measurements.ids), 0.2))
+    there = replace(found, dataset=replace(found.dataset, noise=noise, measurements=table)).at_its_noise
     assert there.noise == replace(noise, pixel=pytest.approx(expected))
     assert np.allclose(there.measurements.u, 0.3)
 
@@ -103,8 +100,7 @@ def test_image_is_a_candidate():
 
 
 def test_condensed_has_the_same_information():
-    rng = np.random.default_rng(0)
-    rows, number = rng.normal(size=(31, 9)), np.repeat([0, 1, 2], [20, 1, 10])
+    rows, number = np.random.default_rng(0).normal(size=(31, 9)), np.repeat([0, 1, 2], [20, 1, 10])
     fewer, of = condensed(rows, number)
     assert np.array_equal(np.bincount(of), [9, 1, 9])
     for k in range(3):
@@ -163,8 +159,7 @@ def test_capsules_contain_the_carried_board():
     rng = np.random.default_rng(0)
     low, high = BOARD.min(axis=0), BOARD.max(axis=0)
     points = rng.uniform(low, high, (4000, 3))
-    near = np.min([signed_distances(c, points) for c in held], axis=0)
-    assert near.max() <= 1e-9
+    assert np.min([signed_distances(c, points) for c in held], axis=0).max() <= 1e-9
     # and little more: a square and the thickness of the plate around it, and the radius
     beyond = 0.05 + max(c.radius for c in held)
     off = rng.uniform(low - 0.3, high + 0.3, (4000, 3))
@@ -217,9 +212,8 @@ def test_corners_of_an_image_are_of_one_stop(velocity):
     points, rng = np.array([4, 2, 4]), np.random.default_rng(0)
     readings = d.measurements.readings[:1] + 0.1 * rng.standard_normal((3, 6))
     target = np.zeros(3, int)
-    possible = Possible(
-        np.full(3, "calibrate"), target, target, readings, rng.standard_normal((3, 6)), np.zeros(3), points
-    )
+    speeds = rng.standard_normal((3, 6))
+    possible = Possible(np.full(3, "calibrate"), target, target, readings, speeds, np.zeros(3), points)
     made = session_of(d, possible, rng).measurements
     new = slice(len(d.measurements.ids), None)
     stop, of = made.stop[new], np.repeat(np.arange(3), points)

@@ -15,13 +15,11 @@ from simulated_pools import MODEL, linear, pool, pool_of
 import bayescal as bc
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import Box, Dataset, Noise, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset import Box, Dataset, Noise, Patch, PlanSettings, Target, read_dataset, write_dataset
 from bayescal.dataset.consistency import CHANCE, planned
 from bayescal.dataset.regions import LOWEST
-from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
-from bayescal.model import ARM
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, Scene
 from bayescal.planning.candidates import Possible, candidates, session_of
 from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _with_readings, certified, goals
 from bayescal.planning.pool import Pool, Setup, linearised
@@ -101,8 +99,7 @@ def test_limits_are_kept_with_a_margin(candidate_pool):
 
 
 def test_the_tool_is_within_its_cone(candidate_pool, setup):
-    flange = Scene(candidate_pool.session).flange
-    cosine = np.sum(flange[:, :, 2] * -normals(candidate_pool), axis=1)
+    cosine = np.sum(Scene(candidate_pool.session).flange[:, :, 2] * -normals(candidate_pool), axis=1)
     assert cosine.min() > np.cos(setup.cone) - 1e-6
     assert cosine.min() < np.cos(0.8 * setup.cone)  # and directions vary over it
     narrow = replace(setup, cone=np.radians(20.0))
@@ -113,8 +110,7 @@ def test_the_tool_is_within_its_cone(candidate_pool, setup):
 
 def test_the_approach_is_straight_along_the_normal(candidate_pool):
     arm = NominalArm(candidate_pool.session.robot, candidate_pool.session.tools[0].centre)
-    begin = arm.ball(arm.frames(candidate_pool.approach))
-    off = begin - Scene(candidate_pool.session).points
+    off = arm.ball(arm.frames(candidate_pool.approach)) - Scene(candidate_pool.session).points
     assert np.allclose(off, RETRACT * normals(candidate_pool), atol=1e-7)
     half = 0.5 * (candidate_pool.approach + candidate_pool.session.measurements.readings)
     middle = arm.ball(arm.frames(half)) - Scene(candidate_pool.session).points
@@ -126,8 +122,7 @@ def test_the_approach_is_straight_along_the_normal(candidate_pool):
 
 def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(candidate_pool):
     m = candidate_pool.session.measurements
-    way = m.readings - candidate_pool.approach
-    assert np.allclose(np.sign(way), np.sign(m.velocity))
+    assert np.allclose(np.sign(m.readings - candidate_pool.approach), np.sign(m.velocity))
     assert np.abs(m.velocity).max() <= FASTEST + 1e-9
     share = (m.velocity[candidate_pool.candidates] > 0).mean(axis=0)
     assert np.all((share > 0.1) & (share < 0.9)), share
@@ -187,8 +182,7 @@ def test_what_is_dropped_is_counted(candidate_pool):
 def unreachable(dataset: Dataset) -> Dataset:
     """With a further face 3 m away."""
     far = Target("far", "plane", {"normal": np.array([-1.0, 0, 0]), "offset": -3.0})
-    patch = Patch(np.array([3.0, 0.0, 0.2]), np.array([0.2, 0.2]))
-    settings = PlanSettings(regions={"far": patch})
+    settings = PlanSettings(regions={"far": Patch(np.array([3.0, 0.0, 0.2]), np.array([0.2, 0.2]))})
     return replace(dataset, targets=(*dataset.targets, far), plan=settings)
 
 
@@ -196,8 +190,7 @@ def test_a_target_out_of_reach_is_reported_and_the_others_have_its_share(setup):
     dataset = unreachable(of_targets(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x"))
     pool = candidates(continued(dataset), 100, seed=0)
     names = [t.name for t in dataset.targets]
-    counts = Counter(names[t] for t in pool.session.measurements.target)
-    assert counts == dict.fromkeys(FACES, 25)
+    assert Counter(names[t] for t in pool.session.measurements.target) == dict.fromkeys(FACES, 25)
     (warning,) = pool.warnings
     assert warning.startswith("no possible contacts on far: no joint angles within the limits (100%)")
 
@@ -226,10 +219,8 @@ KINDS = {
 def test_other_kinds_of_target(setup, name):
     """Rows satisfy the equation of their kind; what is not touched has no approach of its own."""
     pin = Patch(np.array([0.45, 0.0, 0.1]), np.array([0.15]))
-    settings = PlanSettings(
-        volume=Box(np.array([0.45, 0.0, 0.3]), np.array([0.3, 0.4, 0.3])),
-        regions={"pin": pin} if name == "pin" else {},
-    )
+    volume = Box(np.array([0.45, 0.0, 0.3]), np.array([0.3, 0.4, 0.3]))
+    settings = PlanSettings(volume=volume, regions={"pin": pin} if name == "pin" else {})
     dataset = replace(of_targets(setup.dataset), targets=(KINDS[name],), plan=settings)
     dataset = replace(dataset, noise=replace(dataset.noise, point=1e-5))
     pool = candidates(continued(dataset), 60, seed=2)
@@ -317,8 +308,7 @@ def test_a_single_contact_is_found(measured):
 @pytest.mark.parametrize("count", [4, 40, ROWS])
 def test_and_so_are_many(measured, count):
     rows = np.sort(np.random.default_rng(0).choice(ROWS, count, replace=False))
-    found = planned(mixed(measured, rows))
-    assert found.rows.tolist() == rows.tolist()
+    assert planned(mixed(measured, rows)).rows.tolist() == rows.tolist()
 
 
 def test_fewer_digits_need_more_contacts(measured):
@@ -348,15 +338,13 @@ def test_fewer_than_three_are_a_warning_with_their_chance(measured):
     (said,) = [w for w in result.record["warnings"] if "readings of a plan" in w]
     assert "perhaps not made (chance of such measured contacts" in said
     assert "not made: " not in str(result)
-    error = replace(planned(dataset), error=2e-8)
-    assert "within 20 nm" in error.words(dataset)
+    assert "within 20 nm" in replace(planned(dataset), error=2e-8).words(dataset)
 
 
-def test_check_and_fit_say_it(measured, tmp_path, command):
+def test_check_and_fit_say_it(measured, tmp_path, output_of):
     dataset = mixed(measured, [17, 30, 40])
     write_dataset(dataset, tmp_path / "cell")
-    code, said, _ = command("check", tmp_path / "cell", "--json")
-    assert code == 0
+    said = output_of("check", tmp_path / "cell", "--json")
     (found,) = [f for f in json.loads(said)["findings"] if f["code"] == "planned_pose"]
     name = dataset.measurements.ids[17]
     assert f"3 contacts have the readings of a plan ({name}, " in found["what"]
@@ -422,15 +410,13 @@ def test_distances_of_the_region_follow_from_the_tool_points():
     rows = pool().candidates[np.linspace(0, 599, 40).astype(int)]
     model = _with_readings(found.model, pool().session.measurements.readings[rows])
     motion = model.motion(len(model.scene.q) - 40 + np.arange(40))
-    rng = np.random.default_rng(0)
-    z = 0.01 * rng.standard_normal(len(model.parameters))
+    z = 0.01 * np.random.default_rng(0).standard_normal(len(model.parameters))
     here = found.z[found.model.slices[ARM]]
     a, b = (motion.points(model.deviations(w)) for w in (here, here + z))
     assert len(goal.slopes) > 600
     pairs = np.stack(np.triu_indices(40, 1), axis=1)
     before, after = (np.linalg.norm(p[:, pairs[:, 0]] - p[:, pairs[:, 1]], axis=0) for p in (a, b))
-    far = before > 0.2 * before.max()
-    moved = (after - before)[far]
+    moved = (after - before)[before > 0.2 * before.max()]
     assert np.allclose(goal.slopes[:, found.model.slices[ARM]] @ z, moved, atol=0.01 * np.abs(moved).max())
 
 
@@ -456,8 +442,7 @@ def test_mixed_ends_and_certificates_without_rows():
     d = pool().session
     m = d.measurements
     first = next(k for k, t in enumerate(d.targets) if t.kind == "sphere")
-    half = with_columns(d, role=np.where(m.target == first, "calibrate", m.role))
-    found = linearised(pool_of(half), MODEL)
+    found = linearised(pool_of(with_columns(d, role=np.where(m.target == first, "calibrate", m.role))), MODEL)
     goal = certified(found)
     assert len(goal.slopes) == 3
     own = found.model.slices[d.targets[first].name]
@@ -476,16 +461,14 @@ def test_volume_of_interest():
     assert goal.note == ""
     assert goals(inside, linear())[1].slopes == pytest.approx(goal.slopes)
     edge = Box(np.array([0.9, 0.0, 0.4]), np.array([0.5, 0.5, 0.5]))
-    partly = replace(p, setup=replace(p.setup, volume=edge))
-    assert "% of the volume" in goals(partly, linear())[1].note
+    assert "% of the volume" in goals(replace(p, setup=replace(p.setup, volume=edge)), linear())[1].note
     away = replace(p, setup=replace(p.setup, volume=Box(np.array([5.0, 0, 0]), box.size)))
     refused("out of reach", lambda: goals(away, linear()))
 
 
 def test_given_poses():
     p, readings = pool(), pool().session.measurements.readings
-    asked = replace(p, setup=replace(p.setup, poses=readings[[0, 200, 400]]))
-    found = goals(asked, linear())
+    found = goals(replace(p, setup=replace(p.setup, poses=readings[[0, 200, 400]])), linear())
     assert [g.over for g in found] == [CERTIFIED, REGION, POSES]
     assert len(found[2].slopes) == 3
     with pytest.raises(BayescalError, match="two positions"):

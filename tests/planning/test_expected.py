@@ -105,8 +105,7 @@ def test_random_contacts_are_equally_many_on_every_target():
 
 def test_random_contacts_have_no_payload_where_there_are_others():
     d = pool().session
-    m = d.measurements
-    load = np.where(np.arange(len(m.role)) % 2 == 1, 2.0, 0.0)
+    load = np.where(np.arange(len(d.measurements.role)) % 2 == 1, 2.0, 0.0)
     loaded = pool_of(with_columns(d, payload=load))
     (chosen,) = Random(loaded).selections(100, 1)
     assert np.all(load[loaded.candidates[chosen]] == 0)
@@ -116,8 +115,7 @@ def test_random_contacts_have_no_payload_where_there_are_others():
 def test_equal_number_of_random_contacts(plan):
     found, of, chosen = plan
     random = Random(pool())
-    itself = equals_random(found, of[1], random.u(found, of[1], 200), random)
-    assert itself == pytest.approx(200, rel=0.03)
+    assert equals_random(found, of[1], random.u(found, of[1], 200), random) == pytest.approx(200, rel=0.03)
     assert equals_random(found, of[0], u_of(found, of[0], chosen), random) > 90
     assert equals_random(found, of[0], 0.9 * random.u(found, of[0], 600), random) == np.inf
     assert equals_random(found, of[0], 1.0, random) == pytest.approx(8)
@@ -167,9 +165,10 @@ def test_confusable_effects_are_those_of_the_vocabulary_at_their_weakest_site() 
         "eccentricity", "second-harmonic"
     }]  # fmt: skip
     assert len(of_harmonics) == 1
+    harmonics = ("eccentricity", "second-harmonic")
     pairs = [
         Pair((Suspect(f"{own} at joint {joint}"),), rival)
-        for own, other in (("eccentricity", "second-harmonic"), ("second-harmonic", "eccentricity"))
+        for own, other in (harmonics, harmonics[::-1])
         for joint in range(1, 7)
         for rival in ((), (Suspect(other),))
     ]
@@ -211,13 +210,9 @@ def made_up(seed: int = 0, each: int = 2) -> CandidateColumns:
     """Candidates with several residuals."""
     rng = np.random.default_rng(seed)
     count, unknowns, columns = 15, 6, 5
-    return CandidateColumns(
-        rng.normal(size=(each * count, unknowns)) * 3,
-        rng.normal(size=(each * count, columns)),
-        np.repeat(np.arange(count), each),
-        rng.normal(size=(3, unknowns)),
-        rng.normal(size=(3, columns)),
-    )
+    design, own = (rng.normal(size=(each * count, n)) for n in (unknowns, columns))
+    known = (rng.normal(size=(3, n)) for n in (unknowns, columns))
+    return CandidateColumns(design * 3, own, np.repeat(np.arange(count), each), *known)
 
 
 def noncentrality(linear: CandidateColumns, chosen, truth, rivals) -> float:
@@ -260,9 +255,8 @@ def test_lambda_equals_the_dense_noncentrality() -> None:
     strengths = of(linear, PAIRED).strengths(Projection(linear, chosen))
     for item, strength in zip(PAIRED[:3], strengths, strict=False):
         assert strength == pytest.approx(noncentrality(linear, chosen, item.truth, item.rivals), rel=1e-9)
-    columns, known = (
-        np.column_stack([own, own[:, [3, 4]] @ [0.5, 2.0]]) for own in (linear.columns, linear.known_columns)
-    )
+    both = (linear.columns, linear.known_columns)
+    columns, known = (np.column_stack([own, own[:, [3, 4]] @ [0.5, 2.0]]) for own in both)
     single = replace(linear, columns=columns, known_columns=known)
     assert strengths[3] == pytest.approx(noncentrality(single, chosen, [5], [2]), rel=1e-9)
 
@@ -308,10 +302,8 @@ def test_chosen_contacts_show_more_than_random_ones_and_are_distinct() -> None:
     chosen = separate.choose(c, 60, rng, start=[4, 5])
     assert len(np.unique(np.append(chosen, [4, 5]))) == 62
     value = c.objective(c.strengths(Projection(c.columns, [4, 5, *chosen])))
-    others = [
-        c.objective(c.strengths(Projection(c.columns, rng.choice(150, 62, replace=False)))) for _ in range(20)
-    ]
-    assert value > max(others) + 3.0
+    some = [rng.choice(150, 62, replace=False) for _ in range(20)]
+    assert value > max([c.objective(c.strengths(Projection(c.columns, k))) for k in some]) + 3.0
 
 
 def test_exchange_improves_on_the_greedy_choice() -> None:
@@ -363,8 +355,7 @@ def test_an_effect_that_the_session_cannot_show_is_refused() -> None:
 def test_effects_count_by_their_probability_as_much_as_the_pairs() -> None:
     pair = Pair((Suspect(BENDING),), (Suspect("coupling"),))
     probability = {"backlash": 0.3, "lobing": 0.1, "null": 0.6}
-    alone = contrasts(gap_pool(), nominal(), (), (), probability)
-    assert alone.weight.sum() == pytest.approx(0.4)
+    assert contrasts(gap_pool(), nominal(), (), (), probability).weight.sum() == pytest.approx(0.4)
     c = contrasts(gap_pool(), nominal(), [pair], (), probability)
     assert c.weight.sum() == pytest.approx(2.0)
     assert c.weight[0] == pytest.approx(1.0)
@@ -375,13 +366,10 @@ def test_effects_count_by_their_probability_as_much_as_the_pairs() -> None:
         for name in ("backlash", "lobing", "payload")
     }
     assert by_effect == pytest.approx({"backlash": 0.75, "lobing": 0.25, "payload": 0.0})
-    p = Projection(c.columns, np.arange(60))
-    strengths = c.strengths(p)
+    strengths = c.strengths(Projection(c.columns, np.arange(60)))
     least = {k: min(s for s, i in zip(strengths, c.items, strict=True) if i.group == k) for k in range(2)}
-    value = sum(
-        w * np.log1p(least.get(k, s))
-        for k, (w, s) in enumerate(zip(c.weight, np.r_[0.0, strengths[2:]], strict=True))
-    )
+    weighed = enumerate(zip(c.weight, np.r_[0.0, strengths[2:]], strict=True))
+    value = sum(w * np.log1p(least.get(k, s)) for k, (w, s) in weighed)
     assert c.objective(strengths) == pytest.approx(value)
 
 
@@ -392,16 +380,8 @@ def test_effects_have_equal_weights() -> None:
 
 # --- What a diagnosis leaves open: from its hypotheses to gap.json, and back to the pairs of a plan.
 
-RECORD = {
-    "schema": "bayescal-gap/1",
-    "dataset": {"sha256": "a"},
-    "baseline": list(MODEL),
-    "without": [],
-    "noise_scale": {},
-    "named": [],
-    "probability": {"null": 0.5, "backlash": 0.2},
-    "undecided": [],
-}
+RECORD = {"schema": "bayescal-gap/1", "dataset": {"sha256": "a"}, "baseline": list(MODEL), "without": []}
+RECORD |= {"noise_scale": {}, "named": [], "probability": {"null": 0.5, "backlash": 0.2}, "undecided": []}
 
 
 def examined(*sets: tuple[tuple[str, str], ...], unclaimed: tuple[str, ...] = (), probability: float = 0.3):
@@ -416,12 +396,10 @@ def examined(*sets: tuple[tuple[str, str], ...], unclaimed: tuple[str, ...] = ()
         return Member(next(v for v in known.variants[effect] if v.site == site), 1.0, 0.0)
 
     found = [search.hypothesis([member(*one) for one in own]) for own in sets]
-    weighed = [
-        SimpleNamespace(hypothesis=h, cell=None, unmodelled=False, probability=probability) for h in found
-    ]
-    decision = SimpleNamespace(
-        weighed=weighed, hypothesis=found[0], unclaimed=frozenset(unclaimed), withheld=frozenset()
-    )
+    usual = {"cell": None, "unmodelled": False, "probability": probability}
+    weighed = [SimpleNamespace(hypothesis=h, **usual) for h in found]
+    sets = {"unclaimed": frozenset(unclaimed), "withheld": frozenset()}
+    decision = SimpleNamespace(weighed=weighed, hypothesis=found[0], **sets)
     return SimpleNamespace(decision=decision, candidates=known)
 
 
@@ -454,8 +432,7 @@ def test_improbable_alternatives_are_no_pairs_and_unconfirmed_names_are() -> Non
 
 
 def test_pairs_survive_gap_json_and_become_contrasts() -> None:
-    e = examined((("hardening", "joint 2"),), (("hysteresis", "joint 2"),))
-    pairs = undecided(e)
+    pairs = undecided(examined((("hardening", "joint 2"),), (("hysteresis", "joint 2"),)))
     text = json.dumps(RECORD | {"undecided": undecided_records(SimpleNamespace(undecided=pairs))})
     read = continued(json.loads(text), "gap.json")
     assert read.effects == MODEL
@@ -464,8 +441,7 @@ def test_pairs_survive_gap_json_and_become_contrasts() -> None:
             assert a.model == b.model
             assert b.values == pytest.approx(a.values)
     c = contrasts(gap_pool(), nominal(), read.pairs)
-    strength = c.strengths(Projection(c.columns, np.arange(150)))
-    assert np.all(strength > 0)
+    assert np.all(c.strengths(Projection(c.columns, np.arange(150))) > 0)
 
 
 def test_effects_are_separated_beside_compliance_that_a_diagnosis_added() -> None:
@@ -476,18 +452,15 @@ def test_effects_are_separated_beside_compliance_that_a_diagnosis_added() -> Non
     assert read.pairs == (Pair((Suspect("lobing"),)),)
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("no json", "invalid JSON"),
-        ('{"schema": "bayescal-fit/1"}', "the schema is bayescal-fit/1"),
-        (json.dumps(RECORD | {"dataset": {"sha256": "other"}}), "no diagnosis of the present files"),
-        (json.dumps(RECORD | {"dataset": "a"}), "no diagnosis of the present files"),
-        (json.dumps({k: v for k, v in RECORD.items() if k != "undecided"}), "it lacks 'undecided'"),
-        (json.dumps(RECORD | {"probability": {"backlash": "high"}}), "incomplete: could not convert"),
-        (json.dumps(RECORD | {"probability": 0.5}), "incomplete"),
-    ],
-)
+@pytest.mark.parametrize(("text", "match"), [
+    ("no json", "invalid JSON"),
+    ('{"schema": "bayescal-fit/1"}', "the schema is bayescal-fit/1"),
+    (json.dumps(RECORD | {"dataset": {"sha256": "other"}}), "no diagnosis of the present files"),
+    (json.dumps(RECORD | {"dataset": "a"}), "no diagnosis of the present files"),
+    (json.dumps({k: v for k, v in RECORD.items() if k != "undecided"}), "it lacks 'undecided'"),
+    (json.dumps(RECORD | {"probability": {"backlash": "high"}}), "incomplete: could not convert"),
+    (json.dumps(RECORD | {"probability": 0.5}), "incomplete"),
+])  # fmt: skip
 def test_other_files_are_refused(tmp_path, text: str, match: str) -> None:
     (tmp_path / "gap.json").write_text(text)
     with pytest.raises(BayescalError, match=match):

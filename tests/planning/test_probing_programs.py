@@ -96,9 +96,8 @@ def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, fo
 def test_the_tool_of_a_program_is_that_of_the_session(plan, name):
     """Its centre from the flange, mm; in a program that sets the load, mass, kg, and centre of mass, mm."""
     tool = replace(plan.session.tools[0], mass=1.25, centre_of_mass=np.array([0.011, -0.022, 0.033]))
-    text = "\n".join(
-        FORMATS[name].files(replace(plan, session=replace(plan.session, tools=(tool,))), Probe()).values()
-    )
+    session = replace(plan.session, tools=(tool,))
+    text = "\n".join(FORMATS[name].files(replace(plan, session=session), Probe()).values())
     centre = (1e3 * tool.centre).tolist()
     triples = re.findall(r"(-?[\d.]+), (-?[\d.]+), (-?[\d.]+) mm", text)
     assert [[float(x) for x in t] for t in triples] == [pytest.approx(centre)]
@@ -152,8 +151,7 @@ def test_the_force_of_a_ur_stops_the_motion(plan):
     program = ran(plan, probe=Probe(force=5.0, beyond=2e-3), cycle=2e-3, absent={3})
     records = [json.loads(re.fullmatch(r"bayescal, p\d+, rad, (.*)", line)[1]) for line in program.log]
     assert [r[0] for r in records] == [1, 1, 1, 2]
-    readings = np.array([r[1:] for r in records[:3]])
-    depth = off_surface(program.cell, readings, np.arange(3))
+    depth = off_surface(program.cell, np.array([r[1:] for r in records[:3]]), np.arange(3))
     assert (depth > 0.25e-3 - 1e-6).all()  # 5 N at 20 N/mm
     assert (depth < 0.25e-3 + FASTER * SPEED * 2e-3).all()
 
@@ -165,11 +163,9 @@ def test_a_log_becomes_a_calibration(cube, tmp_path):
     some = taken(dataset.measurements, np.flatnonzero(whole))  # not those at a limit of a joint
     plan = on_planes(made_up_plan(replace(dataset, measurements=some), count=36, validation=0))
     write_plan(plan, tmp_path / "run")
-    program = ran(plan, "fanuc", cycle=8e-3, open=True)
-    draft = imported(program, tmp_path / "run", tmp_path)
+    draft = imported(ran(plan, "fanuc", cycle=8e-3, open=True), tmp_path / "run", tmp_path)
     assert len(draft.dataset.measurements.ids) == 36
-    fitted = bc.fit(draft.dataset, model="geometry", samples=0)
-    rms = [r["rms_um"] for r in fitted.record["residuals"]]
+    rms = [r["rms_um"] for r in bc.fit(draft.dataset, model="geometry", samples=0).record["residuals"]]
     assert np.sqrt(np.mean(np.square(rms))) < 15  # 40 µm of a cycle, evenly distributed: 12 µm
 
 

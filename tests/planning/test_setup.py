@@ -15,13 +15,12 @@ from analysis.planning import ways as study
 from analysis.planning.sampled import Cell, Table
 from bayescal.arm.shapes import Box, Cylinder, Hull
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset, write_dataset
 from bayescal.dataset.contacts import connected
 from bayescal.dataset.read import read_settings
 from bayescal.dataset.regions import Session, side
 from bayescal.dataset.solids import hull_stl
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.planning import order as orders
@@ -56,8 +55,7 @@ def test_regions_of_the_cube_are_its_faces():
     for name, region in setup.regions.items():
         if not name.startswith("cube"):
             continue
-        target = next(t for t in setup.dataset.targets if t.name == name)
-        normal = np.asarray(target.values["normal"])
+        normal = np.asarray(next(t for t in setup.dataset.targets if t.name == name).values["normal"])
         assert np.allclose(region.centre, [0.45, 0, 0.15] + HALF * normal, atol=1e-9)
         assert np.allclose(region.half @ normal, 0)
         assert np.allclose(np.linalg.norm(region.half, axis=1), (1 - 2 * EDGE) * HALF, atol=1e-9)
@@ -145,13 +143,10 @@ def test_a_probed_side_of_a_cylinder_is_as_long_as_its_contacts():
         assert (region.centre + np.array([[-1.0], [1.0]]) * region.half - point) @ axis == pytest.approx(ends)
 
 
-@pytest.mark.parametrize(
-    ("target", "centre"),
-    [
-        (Target("seat", "fixed-point", {"centre": np.array([0.4, 0, 0.1])}), [0.4, 0, 0.1]),
-        (Target("bar", "distance", {"centre": np.array([0.4, 0, 0]), "length": 0.3}), [0.4, 0, 0]),
-    ],
-)
+@pytest.mark.parametrize(("target", "centre"), [
+    (Target("seat", "fixed-point", {"centre": np.array([0.4, 0, 0.1])}), [0.4, 0, 0.1]),
+    (Target("bar", "distance", {"centre": np.array([0.4, 0, 0]), "length": 0.3}), [0.4, 0, 0]),
+])  # fmt: skip
 def test_seats_and_ball_bars_need_no_extent(example, target, centre):
     region = regions_of(bare(example, targets=(target,), certificates=()))[target.name]
     assert np.allclose(region.centre, centre)
@@ -204,8 +199,7 @@ def test_the_table_is_the_stated_one_or_below_all_targets(example):
     below = np.array([[0.45, 0.0, -0.2]])  # the cube stands on a pedestal: no arm passes under it
     assert min(signed_distances(shape, below)[0] for shape in stated.scene.solids[0].shapes) < 0
     assert not stated.notes
-    still = continued(replace(dataset, gravity=np.zeros(3)))
-    assert heights(still) == heights(assumed)
+    assert heights(continued(replace(dataset, gravity=np.zeros(3)))) == heights(assumed)
 
 
 def test_what_is_probed_is_an_obstacle(example):
@@ -223,8 +217,7 @@ def test_what_is_probed_is_an_obstacle(example):
     assert np.allclose(signed_distances(wall, corners), 0, atol=1e-12)
     assert np.allclose(signed_distances(wall, corners - 0.02 * np.eye(3)[0]), 0.02)
     assert np.allclose(np.linalg.det(wall.pose[:3, :3]), 1)
-    post = around.solids[around.of["seat"]].shapes[0]
-    assert 0 < signed_distances(post, seat.values["centre"]) < 0.02
+    assert 0 < signed_distances(around.solids[around.of["seat"]].shapes[0], seat.values["centre"]) < 0.02
 
 
 # --- Motions between contacts: collisions are seen, ways around them are free, and orders avoid them.
@@ -284,11 +277,8 @@ def test_ways_around_are_free(pool, ordered):
     blocked = moves.blocked(seeing[:-1], seeing[1:])
     assert [len(way) > 0 for way in via[1:]] == (blocked & same).tolist()
     assert [len(way) for way in ways.leave[:1]] == [1]
-    points = [
-        p
-        for *both, row in zip(ways.leave, via, seeing, strict=True)
-        for p in (*both[0], *both[1], pool.approach[row])
-    ]
+    both = (np.concatenate(parts) for parts in zip(ways.leave, via, strict=True))
+    points = [p for before, row in zip(both, seeing, strict=True) for p in (*before, pool.approach[row])]
     found = depths(pool, np.array(points))
     assert found.min() > CLEAR
     assert ways.clearance.min() <= found.min() + 1e-6
@@ -303,9 +293,8 @@ def test_no_way_is_said(pool, ordered, monkeypatch):
     monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((100, 20),))
     inside = pool.approach.copy()
     row = int(pool.candidates[0])
-    inside[row] = pool.session.measurements.readings[row] - 2 * (
-        inside[row] - pool.session.measurements.readings[row]
-    )
+    readings = pool.session.measurements.readings[row]
+    inside[row] = readings - 2 * (inside[row] - readings)
     moves = Transits(replace(pool, approach=inside))
     other = int(pool.candidates[1])
     found = moves.ways(np.array([other, row, other]))
@@ -321,15 +310,12 @@ def test_placements_that_come_one_after_the_other_are_not_between_each_other():
     assert placements(["cube.+x", "ball.A@1", "ball.B@1"]) == ["", "", ""]
     setup = read_setup(EXAMPLE)
     names = ("cube.+y", "cube.-y", "cube.-x", "cube.+z", "ball.B@1", "ball.B@3")
-    dataset = replace(
-        setup.dataset, targets=tuple(t for t in setup.dataset.targets if t.name in names), certificates=()
-    )
+    dataset = replace(of_targets(setup.dataset, *names), certificates=())
     pool = candidates(replace(continued(dataset), validated=frozenset(names[4:])), 8, seed=0)
     m, moves = pool.session.measurements, Transits(pool)
     one, other = (np.flatnonzero(m.target == names.index(name))[0] for name in names[4:])
-    there = {
-        key: sum(bool(s.shapes) for s in pool.setup.hands[0].place(key).clearance.solids) for key in ("1", "")
-    }
+    hand = pool.setup.hands[0]
+    there = {key: sum(bool(s.shapes) for s in hand.place(key).clearance.solids) for key in ("1", "")}
     assert there == {"1": 3, "": 2}  # cube, one sphere, table
     assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
     ways = moves.ways(np.array([one, pool.candidates[0], other]))
@@ -415,8 +401,7 @@ def stated(tmp_path, text):
 
 
 def test_own_solids_are_read_written_and_avoided(tmp_path):
-    mesh = hull_stl(0.05 * CORNERS)
-    (tmp_path / "block.stl").write_bytes(mesh)
+    (tmp_path / "block.stl").write_bytes(hull_stl(0.05 * CORNERS))
     text = (
         "solids:\n"
         "  vice: {kind: box, centre_mm: [450, 200, -40], size_mm: [120, 80, 60], rpy_deg: [0, 0, 30]}\n"
@@ -426,10 +411,8 @@ def test_own_solids_are_read_written_and_avoided(tmp_path):
     dataset = stated(tmp_path, text)
     assert [s.kind for s in dataset.solids] == ["box", "cylinder", "mesh"]
     np.testing.assert_allclose(np.ptp(dataset.solids[2].points, axis=0), 0.1, atol=1e-9)
-    session = replace(read_dataset(EXAMPLE), solids=dataset.solids)
-    write_dataset(session, tmp_path / "copy")
-    again = read_dataset(tmp_path / "copy")
-    for one, other in zip(dataset.solids, again.solids, strict=True):
+    write_dataset(replace(read_dataset(EXAMPLE), solids=dataset.solids), tmp_path / "copy")
+    for one, other in zip(dataset.solids, read_dataset(tmp_path / "copy").solids, strict=True):
         np.testing.assert_allclose(one.pose, other.pose, atol=1e-9)
         np.testing.assert_allclose(one.size, other.size)
         assert (one.name, one.placement, one.file) == (other.name, other.placement, other.file)

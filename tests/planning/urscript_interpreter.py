@@ -158,11 +158,9 @@ class Program:
                     return wanted
             return not wanted
         if isinstance(node, ast.BinOp | ast.Compare):
-            one, two = (
-                (node.left, node.right) if isinstance(node, ast.BinOp) else (node.left, node.comparators[0])
-            )
+            two = node.right if isinstance(node, ast.BinOp) else node.comparators[0]
             op = node.op if isinstance(node, ast.BinOp) else node.ops[0]
-            a = yield from self._evaluated(one, scope)
+            a = yield from self._evaluated(node.left, scope)
             b = yield from self._evaluated(two, scope)
             return OPERATORS[type(op)](a, b)
         assert isinstance(node, ast.Call), ast.dump(node)

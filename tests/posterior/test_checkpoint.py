@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from bayescal.estimate import estimate
-from bayescal.model import build, with_parameters
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build, with_parameters
 from bayescal.posterior import checkpoint as module
 from bayescal.posterior import sample as sampling
 from bayescal.posterior.checkpoint import Checkpoint
@@ -26,8 +25,7 @@ OPTIONS = {"effective": 60, "seed": 3, "max_steps": 8}
 def fitted(tracker):
     """Of few parameters: the size of an ensemble, and so its cost, grows with their square."""
     scene = Scene(tracker(seed=5, count=12).dataset)
-    some = build(scene, ("joint",)).parameters[:4]
-    return estimate(with_parameters(scene, ("joint",), some))
+    return estimate(with_parameters(scene, ("joint",), build(scene, ("joint",)).parameters[:4]))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -170,9 +168,8 @@ def test_progress_grows_by_steps_and_is_complete_only_at_the_end(cube, monkeypat
     assert np.all(np.diff(shares[: CHAINS * (sampling.BURN + sampling.TAUS)]) >= 0)
     assert max(shares[:-1]) <= sampling.NEARLY
     assert shares[-1] == 1.0
-    assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(
-        sampling.BURN / (sampling.BURN + sampling.TAUS), abs=0.02
-    )
+    expected = sampling.BURN / (sampling.BURN + sampling.TAUS)
+    assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(expected, abs=0.02)
 
 
 OTHERS = {
@@ -257,9 +254,8 @@ def test_an_empty_file_and_one_of_an_earlier_schema_are_ours(fitted, kept):
         assert checkpoint.path.read_bytes().startswith(b'{"bayescal": ')
         checkpoint.remove()
         assert not checkpoint.path.exists()
-    assert said == [
-        "the checkpoint of an interrupted run is of other inputs or another version: it starts afresh"
-    ]
+    words = "the checkpoint of an interrupted run is of other inputs or another version: it starts afresh"
+    assert said == [words]
 
 
 def test_a_short_run_writes_none_and_without_space_it_goes_on(monkeypatch, fitted, plain, tmp_path):

@@ -13,9 +13,7 @@ import bayescal.calibration as calibration
 import bayescal.reporting.fit.files as fit_posterior
 from bayescal.calibration import fit
 from bayescal.estimate import estimate
-from bayescal.model import build
-from bayescal.model.options import FitOptions
-from bayescal.model.scene import Scene
+from bayescal.model import FitOptions, Scene, build
 from bayescal.posterior import Density, gaussian
 from bayescal.posterior import density as density_module
 from bayescal.posterior import sample as sampling
@@ -111,8 +109,7 @@ def test_linearised_draws_of_two_noise_groups(grouped):
     linearised = Linearised.of(density)
     x = linearised.draw(3000, np.random.default_rng(3))
     mean, root = linearised._given(x[:, density.model.size :])
-    away = x[:, : density.model.size] - grouped.z - mean
-    z = np.einsum("wij,wi->wj", root, away)
+    z = np.einsum("wij,wi->wj", root, x[:, : density.model.size] - grouped.z - mean)
     assert np.abs(z.mean()) < 0.01
     assert z.std() == pytest.approx(1.0, abs=0.01)
     np.testing.assert_allclose(z.T @ z / len(z), np.eye(z.shape[1]), atol=0.12)
@@ -153,9 +150,11 @@ def test_moves_leave_a_normal_as_it_is(size, kind):
 
     move = Independence(Wide()) if kind == "independence" else Evolution()
     walkers = 2 * (size + 2)
-    sampler = emcee.EnsembleSampler(
-        walkers, size, lambda x: -0.5 * np.sum((x / scale) ** 2, axis=1), moves=move, vectorize=True
-    )
+
+    def density(x):
+        return -0.5 * np.sum((x / scale) ** 2, axis=1)
+
+    sampler = emcee.EnsembleSampler(walkers, size, density, moves=move, vectorize=True)
     sampler._random.seed(1)
     steps = STEPS[kind][size]
     sampler.run_mcmc(scale * rng.standard_normal((walkers, size)), steps)
@@ -202,8 +201,7 @@ def test_reaches_what_was_asked_and_says_how(fitted):
 
 def test_an_ensemble_that_still_moves_is_seen():
     """Chains of walkers laid end to end are alike, each with its way from the start; time tells."""
-    rng = np.random.default_rng(0)
-    ensembles = rng.standard_normal((4, 40, 60, 2))
+    ensembles = np.random.default_rng(0).standard_normal((4, 40, 60, 2))
     assert sampling._drift(ensembles) < sampling.LARGEST_RHAT
     ensembles[..., 1] += np.linspace(1.0, 0.0, 40)[:, None]
     assert sampling._drift(ensembles) > sampling.LARGEST_RHAT
@@ -227,9 +225,8 @@ def test_the_worst_component_is_named_with_its_figure(worst):
     names, off = ("a", "b", "c"), np.arange(3) == worst
     apart = Convergence(np.full(3, 900.0), np.full(3, 900.0), np.where(off, 1.5, 1.001))
     few = Convergence(np.where(off, 40.0, 900.0), np.full(3, 700.0), np.full(3, 1.001))
-    assert sampling._complaint(names, apart, 1.0, 500, 10, 1.0).startswith(
-        f"R-hat of {names[worst]} is 1.500"
-    )
+    complaint = sampling._complaint(names, apart, 1.0, 500, 10, 1.0)
+    assert complaint.startswith(f"R-hat of {names[worst]} is 1.500")
     assert sampling._complaint(names, few, 1.0, 500, 10, 1.0).startswith(f"{names[worst]} has 40 effective")
 
 
@@ -292,16 +289,12 @@ def test_a_component_that_stands_still_counts_every_draw():
 def test_record_comes_back(tmp_path):
     """The file, written without ArviZ, holds what ArviZ is given in memory."""
     rng = np.random.default_rng(0)
-    groups = {
-        "posterior": {
-            "a2": ((), rng.normal(size=(4, 10))),
-            "z": (("parameter",), rng.normal(size=(4, 10, 3))),
-        },
-        "observed_data": {
-            "distance_mm": (("pair",), np.array([1.0, 2.0])),
-            "target": (("pair",), np.array(["µ", "ball"])),
-        },
+    posterior = {"a2": ((), rng.normal(size=(4, 10))), "z": (("parameter",), rng.normal(size=(4, 10, 3)))}
+    observed = {
+        "distance_mm": (("pair",), np.array([1.0, 2.0])),
+        "target": (("pair",), np.array(["µ", "ball"])),
     }
+    groups = {"posterior": posterior, "observed_data": observed}
     coords = {"parameter": ["a2", "d4", "theta5"], "pair": ["x", "y"]}
     labels = {"joint": ("parameter", ["J2", "J4", ""])}
     record = Record(groups, coords, {"a2": "mm"}, {"seed": "1"}, labels)
@@ -334,8 +327,7 @@ def test_models_are_compared(records):
     loo = az.loo(records["compliance"])
     parameters = np.asarray(records["compliance"]["posterior"]["z"]).shape[-1]
     assert 0.5 * 20 < float(getattr(loo, "p_loo", getattr(loo, "p", None))) < parameters + 1
-    table = az.compare(records)
-    assert list(table.index) == ["compliance", "geometry"]
+    assert list(az.compare(records).index) == ["compliance", "geometry"]
 
 
 def test_groups_of_a_record_are_those_of_the_model(records):
@@ -349,8 +341,7 @@ def test_groups_of_a_record_are_those_of_the_model(records):
     assert log_likelihood.mean() == pytest.approx(expected.mean(), abs=0.1)
     # Residuals at the estimate of data that the posterior draws anew: as large as the data's, or larger
     observed = np.asarray(data["observed_data"]["residual_um"]).std()
-    replicated = np.asarray(data["posterior_predictive"]["residual_um"]).std()
-    assert observed < replicated < 1.5 * observed
+    assert observed < np.asarray(data["posterior_predictive"]["residual_um"]).std() < 1.5 * observed
     # prior is as wide as stated
     a2 = np.asarray(data["prior"]["a2"])
     assert a2.mean() == pytest.approx(300.0, abs=0.03)
@@ -367,8 +358,7 @@ def test_many_validation_rows_have_fewer_draws(monkeypatch, usual_draws):
     monkeypatch.setattr(calibration, "MOST_PREDICTED", 800 * rows)
     found = calibration.fit(dataset, ("geometry",), FitOptions(robust=False), samples=0)
     assert {len(p.predicted) for level in found.levels for p in level.validation.planes} == {800}
-    record = fit_draws(found)
-    shapes = {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()}
+    shapes = {values.shape[:2] for _, values in fit_draws(found).arrays("posterior_predictive").values()}
     assert shapes == {(4, 200)}
 
 
@@ -377,8 +367,7 @@ def test_a_large_session_keeps_fewer_predictions(cube, monkeypatch, tmp_path):
     monkeypatch.setattr(fit_posterior, "MOST_OF_LARGE", 4 * 60 * 100)
     found = fit(cube(seed=4, count=100).dataset, ("geometry",), FitOptions(robust=False), samples=0)
     record = fit_draws(found)
-    shapes = {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()}
-    assert shapes == {(4, 60)}
+    assert {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()} == {(4, 60)}
     save(record, tmp_path / "p.nc")
     assert np.asarray(load(tmp_path / "p.nc")["log_likelihood"]["residual_um"]).shape == (4, 60, 100)
 

@@ -10,8 +10,7 @@ from sessions import with_columns
 from bayescal.dataset import Certificate
 from bayescal.estimate import calibrated, estimate, solve
 from bayescal.gap.outcome.magnitude import noise_floor
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 from bayescal.posterior import gaussian
 from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, folds, validation_errors
 from bayescal.predict.errors import kept
@@ -50,9 +49,8 @@ def test_linear_predictions_agree_with_the_draws(fitted):
         np.testing.assert_allclose(h.sd[mine], p.predicted.std(axis=0), rtol=0.08)
     assert [d.between for d in checked.distances] == list(h.distances.names)
     np.testing.assert_allclose(h.distances.error, [d.error for d in checked.distances], atol=1e-8)
-    np.testing.assert_allclose(
-        h.distances.predicted_sd(), [d.predicted.std() for d in checked.distances], rtol=0.05
-    )
+    sd = [d.predicted.std() for d in checked.distances]
+    np.testing.assert_allclose(h.distances.predicted_sd(), sd, rtol=0.05)
 
 
 def test_predicted_sd_is_the_error_that_is_made(cube):
@@ -91,8 +89,7 @@ def test_leaving_out_is_refitting_without(maker, request):
     assert h.main == ("contact" if maker == "cube" else "point")
     for row in (0, 17, 41):
         again = refitted_without(found, session.dataset, row)
-        target = int(session.dataset.measurements.target[row])
-        block = again.model.block(target, np.array([row]))
+        block = again.model.block(int(session.dataset.measurements.target[row]), np.array([row]))
         # the pivot of a surface moves with its rows: only what a contact itself leaves can be compared
         expected = again.residuals(block)[:, 0]
         mine = h.rows == row
@@ -128,8 +125,7 @@ def test_blocks_are_of_time_and_poses(tracker):
     readings = d.measurements.readings.copy()
     readings[40] = readings[3]
     m = replace(d.measurements, readings=readings, target=np.repeat([0, 1], [40, 20]))
-    rows = np.tile(np.arange(60), 3)
-    found = folds(m, rows).reshape(3, 60)
+    found = folds(m, np.tile(np.arange(60), 3)).reshape(3, 60)
     assert np.all(found == found[0])
     assert found[0, 3] == found[0, 40] == 0
     for own in (found[0, :40], found[0, 41:]):
@@ -159,8 +155,7 @@ def test_a_slip_is_gross_but_a_common_error_is_none(fitted):
     assert one.gross.sum() == 1
     assert not kept(one, one)[3]
     assert kept(h, one)[3] or h.gross[3]  # gross under one model only: it stays
-    everywhere = replace(h, residual=h.residual + 40 * h.sd)
-    assert not everywhere.gross.any()
+    assert not replace(h, residual=h.residual + 40 * h.sd).gross.any()
     gathered = h.residual.copy()
     gathered[h.target == h.target[0]] += 40 * h.sd[0]
     assert not replace(h, residual=gathered).gross[h.target == h.target[0]].any()
@@ -187,26 +182,22 @@ def test_repeats_tell_the_noise(cube):
     d = cube(seed=4, count=500, noise=6e-6, stated=3e-6).dataset
     found = estimate(build(Scene(d), FULL))
     repeat = np.array([f"r{k // 4}" if k < 240 else "" for k in range(500)])
-    with_repeats = with_columns(d, repeat=repeat)
-    again = replace(found, model=build(Scene(with_repeats), FULL))
+    again = replace(found, model=build(Scene(with_columns(d, repeat=repeat)), FULL))
     floor = noise_floor(again, "contact")
     assert floor.source == "repeats"
     assert floor.interval95[0] < 6e-6 < floor.interval95[1]
     # repeats between which something changed scatter more than all residuals: these tell the noise
     less = {"contact": again.weights.scale["contact"] / 2}
-    less_left = replace(again, weights=replace(again.weights, scale=less))
-    assert noise_floor(less_left, "contact").source == "fit"
+    assert noise_floor(replace(again, weights=replace(again.weights, scale=less)), "contact").source == "fit"
 
 
 def test_rows_that_locate_their_target_scatter_as_predicted(tracker):
     """Four points of an instrument at another place, where it is not fitted, take up half of their noise."""
     session = tracker(1, 64)
     m, late = session.dataset.measurements, np.arange(64) >= 60
-    dataset = replace(
-        session.dataset,
-        targets=(session.dataset.targets[0], replace(session.dataset.targets[0], name="second")),
-        measurements=replace(m, target=late.astype(int), role=np.where(late, "validate", "calibrate")),
-    )
+    (first, *_) = session.dataset.targets
+    dataset = replace(session.dataset, targets=(first, replace(first, name="second")))
+    dataset = with_columns(dataset, target=late.astype(int), role=np.where(late, "validate", "calibrate"))
     found, drawn = calibrated(Scene(dataset), ("geometry", "compliance")), []
     true = (session.arm.points(m.readings, m.payload) - session.frame[:3, 3]) @ session.frame[:3, :3]
     for seed in range(60):

@@ -10,8 +10,7 @@ from test_crossvalidation import BALLS, FULL, with_spheres
 
 from bayescal.dataset import Certificate
 from bayescal.estimate import estimate
-from bayescal.model import ARM, build
-from bayescal.model.scene import Scene
+from bayescal.model import ARM, Scene, build
 from bayescal.posterior import gaussian
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.forecast import elsewhere
@@ -38,8 +37,7 @@ def relocated(found, t, draws, rng, excess=0.0):
     noise = scale * t.noise * rng.standard_normal((count, 1, len(t.noise)))
     away = p - t.centre[:, None]
     seen = p - noise * away / np.linalg.norm(away, axis=1, keepdims=True)
-    rows = Rows(block.touched(values[0]), seen, t.noise[None])
-    at = search(rows, np.tile(t.state, (count, 1)))
+    at = search(Rows(block.touched(values[0]), seen, t.noise[None]), np.tile(t.state, (count, 1)))
     assert np.all(at.step_length < 0.01)
     return block.kind.centre + at.x[:, :3]
 
@@ -83,8 +81,7 @@ def test_unexplained_error_is_added_to_located_spheres(fitted):
 def test_unexplained_error_of_an_instrument_is_another_at_every_point(cube, tracker):
     """Its rows, and the frame that they locate, are as uncertain as that makes them."""
     session = tracker(seed=1, count=60)
-    role = np.where(np.arange(60) < 30, "locate", "validate")
-    d = with_columns(session.dataset, role=role)
+    d = with_columns(session.dataset, role=np.where(np.arange(60) < 30, "locate", "validate"))
     found = estimate(build(Scene(session.dataset), FULL))
     found = replace(found, model=replace(found.model, scene=Scene(d), blocks=(), constraints=()))
     own = found.model.slices[ARM]
@@ -95,17 +92,15 @@ def test_unexplained_error_of_an_instrument_is_another_at_every_point(cube, trac
     (plain,) = validate(found, draws, kappa).points
     (wide,) = validate(found, draws, kappa, 50e-6).points
     noise = np.sqrt(np.mean(np.var(plain.predicted, axis=0)))
-    assert np.sqrt(np.mean(np.var(wide.predicted, axis=0))) / noise == pytest.approx(
-        np.hypot(1.0, 50e-6 / d.noise.point), rel=0.05
-    )
+    sd = np.sqrt(np.mean(np.var(wide.predicted, axis=0)))
+    assert sd / noise == pytest.approx(np.hypot(1.0, 50e-6 / d.noise.point), rel=0.05)
 
 
 def certified_within(fitted, kind, u):
     """The same fit, with certificates of one kind that are uncertain by u, m."""
     data = fitted.model.scene.dataset
     stated = tuple(replace(c, u_distance=u) if c.kind == kind else c for c in data.certificates)
-    scene = Scene(replace(data, certificates=stated))
-    return replace(fitted, model=replace(fitted.model, scene=scene))
+    return replace(fitted, model=replace(fitted.model, scene=Scene(replace(data, certificates=stated))))
 
 
 @pytest.mark.parametrize("kind", ["distance", "diameter"])
@@ -114,8 +109,7 @@ def test_the_uncertainty_of_a_certificate_is_part_of_its_predicted_error(fitted,
     exact, unsure = (certified_within(fitted, kind, within) for within in (0.0, u))
     checks = [getattr(validate(f, draws.flat, draws.kappa), f"{kind}s") for f in (exact, unsure)]
     for sharp, loose in zip(*checks, strict=True):
-        grown = np.var(loose.predicted) - np.var(sharp.predicted)
-        assert np.sqrt(grown) == pytest.approx(u, rel=0.08)
+        assert np.sqrt(np.var(loose.predicted) - np.var(sharp.predicted)) == pytest.approx(u, rel=0.08)
     if kind == "distance":
         sd = [validation_errors(f).distances.predicted_sd() for f in (exact, unsure)]
         np.testing.assert_allclose(sd[1] ** 2 - sd[0] ** 2, u**2)
@@ -127,10 +121,8 @@ def test_a_length_of_one_artefact_at_two_placements_has_one_error(cube, second, 
     centres = {f"{name}@{k}": np.add(c, (0.0, 0.0, 0.05 * k)) for name, c in BALLS.items() for k in (1, 2)}
     pieces = [sphere(name, c, [1e-4] * 3, count=14, held=14) for name, c in centres.items()]
     length, u = float(np.linalg.norm(np.subtract(*BALLS.values()))), (0.5e-3, second)
-    paper = [
-        Certificate("distance", tuple(f"{name}@{k}" for name in BALLS), length, of)
-        for k, of in zip((1, 2), u, strict=True)
-    ]
+    pairs = (tuple(f"{name}@{k}" for name in BALLS) for k in (1, 2))
+    paper = [Certificate("distance", pair, length, of) for pair, of in zip(pairs, u, strict=True)]
     data = of_pieces(cube(seed=3, count=60), pieces, tuple(paper), 0).dataset
     fitted = estimate(build(Scene(data), FULL), robust=False)
     by = validation_errors(fitted).distances.by_certificates

@@ -1,7 +1,5 @@
 """Joint logs of an arm of two joints with known delays, filters and mistakes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -68,8 +68,7 @@ def planes(settings: str, rows: list[dict], *names: str) -> tuple[str, list[dict
             return set(re.findall(r"(?:cube|ball)\.[^,\]} ]+", line)) <= {*names}
         return not re.match(r"  (cube|ball)\.", line) or line.partition(":")[0].strip() in names
 
-    kept = filter(wanted, settings.splitlines())
-    text = "\n".join(kept).replace("certificates:\ntemp", "temp")
+    text = "\n".join(filter(wanted, settings.splitlines())).replace("certificates:\ntemp", "temp")
     return text + "\n", [row for row in rows if row["target"] in names]
 
 
@@ -93,31 +92,20 @@ CELLS = {
     "beyond a limit": (lambda r: some(r, 7, j1_deg="200"), {"limits"}, "J1 is at 200 deg"),
     "impossible row": (lambda r: turned(r, 7), {"impossible_row"}, "impossible contact"),
     "copy of a row": (lambda r: [*r, r[20] | AGAIN], {"doubled_row"}, "row `again` has"),
-    "few digits": (
-        lambda r: changed(r, JOINTS, lambda v: np.round(v, 2)),
-        {"rounded_readings"},
-        "steps of up to 0.01 deg",
-    ),
+    "few digits": (lambda r: changed(r, JOINTS, lambda v: np.round(v, 2)), {"rounded_readings"},
+                   "steps of up to 0.01 deg"),
     "clock": (lambda r: some(r, 30, time_s="0"), {"clock"}, "goes back by"),
-    "no validation": (
-        lambda r: [row for row in r if row["role"] != "validate"],
-        {"no_validation", "unused_target"},
-        "no row has the role `validate`",
-    ),
+    "no validation": (lambda r: [row for row in r if row["role"] != "validate"],
+                      {"no_validation", "unused_target"}, "no row has the role `validate`"),
     "no repeats": (lambda r: without(r, "repeat"), {"no_repeats"}, "no contact is repeated"),
     "no velocities": (lambda r: without(r, "j._degps"), {"no_velocities"}, "no joint velocities"),
     "few rows": (
         lambda r: [row for k, row in enumerate(r) if row["role"] == "validate" or row["repeat"] or k % 2],
-        {"few_rows"},
-        "values to fit",
-    ),
-    "few on a sphere": (
-        lambda r: [row for row in r if row["target"] != "ball.A@1" or row["id"] in few(r)],
-        {"few_on_sphere"},
-        "fewer than 4 contacts to validate `ball.A@1`",
-    ),
+        {"few_rows"}, "values to fit"),
+    "few on a sphere": (lambda r: [row for row in r if row["target"] != "ball.A@1" or row["id"] in few(r)],
+                        {"few_on_sphere"}, "fewer than 4 contacts to validate `ball.A@1`"),
     "nothing to fit": (lambda r: [row | HELD for row in r], {"too_few"}, "no row has the role `calibrate`"),
-}
+}  # fmt: skip
 """A change of the rows, the codes of its findings, words of one of them."""
 
 
@@ -153,8 +141,7 @@ def test_as_many_contacts_as_a_finding_asks_for_locate_a_sphere(tmp_path, good):
     on_it = [row["id"] for row in good[1] if row["target"] == "ball.A@1"]
 
     def said(count: int) -> list[str]:
-        rows = [row for row in good[1] if row["id"] not in on_it[count:]]
-        write(tmp_path, good[0], rows)
+        write(tmp_path, good[0], [row for row in good[1] if row["id"] not in on_it[count:]])
         return [f.remedy for f in _roles(read_parts(tmp_path)[0]) if f.code == "few_on_sphere"]
 
     (remedy,) = said(3)
@@ -283,14 +270,11 @@ def test_command_line_and_api(tmp_path, good):
     assert "1 missing" in repr(result)
 
 
-@pytest.mark.parametrize(
-    ("stated", "column", "words"),
-    [
-        ("arm", True, "temperature of the arm"),
-        ("", True, "temperatures of arm or air (`temperature_of` does not say which)"),
-        ("arm", False, "no temperatures"),
-    ],
-)
+@pytest.mark.parametrize(("stated", "column", "words"), [
+    ("arm", True, "temperature of the arm"),
+    ("", True, "temperatures of arm or air (`temperature_of` does not say which)"),
+    ("arm", False, "no temperatures"),
+])  # fmt: skip
 def test_what_is_known_of_temperatures(tmp_path, good, stated, column, words):
     settings = good[0] if stated else good[0].replace("temperature_of: arm\n", "")
     write(tmp_path, settings, good[1] if column else without(good[1], "temperature_c"))
@@ -300,12 +284,10 @@ def test_what_is_known_of_temperatures(tmp_path, good, stated, column, words):
 def test_a_fit_of_copied_rows_says_so(tmp_path, good):
     """`check` finds copies; who does not run it must read of them all the same."""
     settings, rows = good
-    copied = [
-        row | {"id": f"z{row['id']}"} for row in rows if row["role"] == "calibrate" and not row["repeat"]
-    ]
+    once = [row for row in rows if row["role"] == "calibrate" and not row["repeat"]]
+    copied = [row | {"id": f"z{row['id']}"} for row in once]
     found(tmp_path, settings, [*rows, *copied])
-    result = bc.fit(tmp_path, samples=0)
-    words = [f.text for f in result.data.findings if f.code == "doubled_row"]
+    words = [f.text for f in bc.fit(tmp_path, samples=0).data.findings if f.code == "doubled_row"]
     assert len(words) == 1
     assert f"{len(copied)} of {len(rows) + len(copied)} rows have the values of another row" in words[0]
     assert copies(read_dataset(tmp_path)) == words[0]
@@ -337,5 +319,4 @@ def test_the_exit_code_is_that_of_a_fit(tmp_path):
         write_dataset(session, tmp_path / name)
         done = CliRunner().invoke(app, ["check", str(tmp_path / name), "--to", "json"])
         assert done.exit_code == code
-        kinds = {f["kind"] for f in json.loads(done.output)["findings"]}
-        assert ("refused" in kinds) == bool(code)
+        assert ("refused" in {f["kind"] for f in json.loads(done.output)["findings"]}) == bool(code)

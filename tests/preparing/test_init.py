@@ -88,8 +88,7 @@ def test_the_record_is_there_as_comments(every, tmp_path):
     assert changed != text
     (tmp_path / SETTINGS).write_text(changed)
     certificates = read_settings(tmp_path / SETTINGS)[0].certificates
-    lengths = [c.distance for c in certificates if c.targets[0] == "ball.A@3"]
-    assert lengths[1] == pytest.approx(0.1235)
+    assert [c.distance for c in certificates if c.targets[0] == "ball.A@3"][1] == pytest.approx(0.1235)
 
 
 def test_every_certified_value_and_every_value_of_the_tool_is_marked(every, tmp_path):
@@ -99,8 +98,7 @@ def test_every_certified_value_and_every_value_of_the_tool_is_marked(every, tmp_
     of_targets = {("targets", "diameter_mm"), ("targets", "length_mm")}
     keys = ("distance_mm", "u_distance_mm", "u_angle_rad", "u_diameter_mm", "u_form_mm")
     certified = {("certificates", k) for k in keys}
-    noise = {("noise", "contact_mm"), ("noise", "point_mm")}
-    assert marked == tools | of_targets | certified | noise
+    assert marked == tools | of_targets | certified | {("noise", "contact_mm"), ("noise", "point_mm")}
     stated = sum(k.u_distance is not None for k in found.certificates if k.kind == "distance")
     assert sum(path[-1] == "distance_mm" for path in found.unfilled) == stated + 1  # and that of the cube
     # The run folder of a plan holds the set-up: what was assumed for the plan is not stated there
@@ -123,14 +121,11 @@ def test_plan_assumes_the_examples_and_says_so(every):
     assert {"cube.+z", "seat.A", "bar@2", "plate@3", "ball.C@4"} <= set(setup.regions)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("gravity_mps2: [0", f"gravity_mps2: {FILL_IN} [0", "`gravity_mps2` is not filled in"),
-        ("ball_radius_mm: 3", f"ball_radius_mm: {FILL_IN}", "`ball_radius_mm` .* no value that could be"),
-        ("ball_radius_mm: 3", f"ball_radius_mm: {FILL_IN} ''", "no value that could be assumed"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("gravity_mps2: [0", f"gravity_mps2: {FILL_IN} [0", "`gravity_mps2` is not filled in"),
+    ("ball_radius_mm: 3", f"ball_radius_mm: {FILL_IN}", "`ball_radius_mm` .* no value that could be"),
+    ("ball_radius_mm: 3", f"ball_radius_mm: {FILL_IN} ''", "no value that could be assumed"),
+])  # fmt: skip
 def test_marks_that_are_not_assumed(every, tmp_path, old, new, words):
     text = filled((every / SETTINGS).read_text())
     assert old in text
@@ -196,8 +191,7 @@ def test_a_robot_of_ones_own_is_copied_beside(tmp_path, quick):
 
 
 def test_a_new_robot_is_to_be_filled_in(tmp_path, quick):
-    written = bc.init(tmp_path / "cell", "new", "cube")
-    assert "robot.yaml" in written
+    assert "robot.yaml" in bc.init(tmp_path / "cell", "new", "cube")
     refused("`normal` is not filled in", lambda: read_setup(tmp_path / "cell"))
     caught = refused(r"`name` is not filled in", lambda: load_robot("robot.yaml", tmp_path / "cell"))
     assert caught.where.startswith("robot.yaml:")

@@ -49,6 +49,7 @@ def good(tmp_path_factory):
 def test_a_good_log_has_no_findings(good):
     check = checked(good)
     assert codes(check) == []
+    assert check.log.limits == check.log.notes
     assert set(check.not_assessed) == {"servo-stiffness", "elasticity", "backlash"}
     assert set(check.assessed) == EFFECTS.keys() - check.not_assessed.keys()
     for joint in check.joints:
@@ -62,8 +63,7 @@ def test_gravity_of_a_pose_by_hand(good):
     q = np.array([[0.3, 0.4]])
     second = 2.0 * 9.80665 * 0.15 * np.cos(0.7)
     first = second + 9.80665 * np.cos(0.3) * (5.0 * 0.2 + 2.0 * 0.4)
-    got = gravity_torques(read_log(good), q)
-    np.testing.assert_allclose(got, [[first, second]], rtol=1e-12)
+    np.testing.assert_allclose(gravity_torques(read_log(good), q), [[first, second]], rtol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0.006, -0.004])
@@ -93,15 +93,9 @@ def test_a_joint_of_another_delay_is_named_and_the_others_are_not(tmp_path):
     finding = of(checked(written(made(delay=(0.0, 0.015)), tmp_path / "log")), "joint_delay")
     assert "differs by joint: J" in finding.what
     log = SimpleNamespace(alignment=0.0, u_alignment=3e-4, motions=[SimpleNamespace(time=np.zeros(2))])
-    joints = [
-        SimpleNamespace(
-            name=f"J{k}",
-            torque_delay=(delay, 5e-4),
-            velocity_delay=(0.0, 1.0),
-            torque_delays=np.empty((3, 0)),
-        )
-        for k, delay in enumerate([8e-3, 1e-4, -1e-4, 0.0], 1)
-    ]
+    delays = [8e-3, 1e-4, -1e-4, 0.0]
+    usual = {"velocity_delay": (0.0, 1.0), "torque_delays": np.empty((3, 0))}
+    joints = [SimpleNamespace(name=f"J{k}", torque_delay=(d, 5e-4), **usual) for k, d in enumerate(delays, 1)]
     found = list(joint_findings._clocks(log, joints, "motions.csv"))
     assert [f.code for f in found] == ["joint_delay"]
     assert found[0].what == "the delay of torque differs by joint: J1 8 ms; the others 0 ms"
@@ -186,10 +180,9 @@ def test_torques_in_another_unit_of_another_sign_or_before_the_gear(tmp_path, fa
     )
 
 
-@pytest.mark.parametrize(
-    ("names", "what"),
-    [(("q", "dq", "torque"), "columns"), (("q", "dq"), "positions"), (("torque",), "torques")],
-)
+@pytest.mark.parametrize(("names", "what"), [
+    (("q", "dq", "torque"), "columns"), (("q", "dq"), "positions"), (("torque",), "torques"),
+])  # fmt: skip
 def test_joints_that_are_interchanged(tmp_path, names, what):
     log = made()
     for key in [k for k in log.columns if k.startswith(tuple(f"{name}1_" for name in names))]:
@@ -205,8 +198,7 @@ def test_a_torque_of_the_opposite_sense_at_one_joint(tmp_path, monkeypatch):
     log.columns["torque2_Nm"] *= -1.0
     folder, words = written(log, tmp_path / "log"), "by the torques of J2 friction drives the motion"
     assert of(checked(folder), "torque_sign").what == words
-    unsigned = replace(read_log(folder), signed=False)
-    assert "torque_sign" not in {f.code for f in mistaken(unsigned)}
+    assert "torque_sign" not in {f.code for f in mistaken(replace(read_log(folder), signed=False))}
     notes = []
 
     def taken(log, *_):
@@ -272,8 +264,7 @@ def test_a_corrupt_value_beyond_any_arm_is_refused_and_a_spike_is_found(tmp_path
     log = made()
     row = log.of(3)[70]
     log.columns["torque2_Nm"][row] = 300.0
-    check = checked(written(log, tmp_path / "spike"))
-    finding = of(check, "spikes")
+    finding = of(checked(written(log, tmp_path / "spike")), "spikes")
     assert "motion 3 with a torque far from their neighbours" in finding.what
     assert abs(int(finding.where.partition(":")[2]) - (row + 2)) <= 2
     log.columns["torque2_Nm"][row] = 1e111
@@ -435,10 +426,8 @@ def test_a_delay_of_all_joints_is_as_sure_as_that_of_the_surest(monkeypatch, loo
     """A joint that tells little of it makes it neither less sure nor another one."""
     monkeypatch.setattr(joint_findings, "clock_drift", lambda *_: (0.0, 1.0))
     log = SimpleNamespace(alignment=0.0, u_alignment=1e-4, motions=[SimpleNamespace(time=np.zeros(2))])
-    joints = [
-        SimpleNamespace(name=f"J{k}", torque_delay=delay, velocity_delay=(0.0, 1.0))
-        for k, delay in enumerate([(5e-3, 1e-4), (5e-3 + loose, loose)])
-    ]
+    delays = enumerate([(5e-3, 1e-4), (5e-3 + loose, loose)])
+    joints = [SimpleNamespace(name=f"J{k}", torque_delay=d, velocity_delay=(0.0, 1.0)) for k, d in delays]
     found = {f.code: f.what for f in joint_findings._clocks(log, joints, "motions.csv")}
     weights = np.array([1e-4, loose]) ** -2
     mean = (weights @ [5e-3, 5e-3 + loose]) / weights.sum()
@@ -452,18 +441,10 @@ def test_a_torque_of_too_few_digits(tmp_path):
     coarse = 2.5 * np.max(np.abs(log.columns["torque2_Nm"]))
     log.columns["torque2_Nm"] = coarse * np.round(log.columns["torque2_Nm"] / coarse)
     log.columns["torque2_Nm"][::50] = coarse
-    check = checked(written(log, tmp_path / "log"))
-    finding = of(check, "coarse")
+    finding = of(checked(written(log, tmp_path / "log")), "coarse")
     assert "J2" in finding.what
     assert "J1" not in finding.what
     read = read_log(tmp_path / "log")
     assert list(read.coarse) == ["J2"]
     assert "one and the same torque" in read.limits[-1]
     assert "J2" in read.limits[-1]
-
-
-def test_a_torque_with_all_digits_is_no_finding(tmp_path):
-    folder = written(made(), tmp_path / "log")
-    assert "coarse" not in codes(checked(folder))
-    read = read_log(folder)
-    assert read.limits == read.notes

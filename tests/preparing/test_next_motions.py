@@ -76,8 +76,7 @@ def test_a_log_without_slow_crossings_tells_of_stribeck_after_the_planned_motion
 
 
 def test_commands_are_read_back_and_begin_where_the_log_begins(log, result, tmp_path):
-    names = result.save(tmp_path / "plan")
-    assert names == ("plan.json", COMMANDS, PURPOSES)
+    assert result.save(tmp_path / "plan") == ("plan.json", COMMANDS, PURPOSES)
     commands = read_commands(tmp_path / "plan" / COMMANDS)
     listed = yaml.safe_load((tmp_path / "plan" / PURPOSES).read_text())
     assert [name for name, _, _ in commands] == [m["id"] for m in listed["motions"]]
@@ -87,8 +86,7 @@ def test_commands_are_read_back_and_begin_where_the_log_begins(log, result, tmp_
         assert np.allclose(q[[0, -1]], first, atol=1e-6)
         assert np.allclose(np.diff(time), step)
         assert np.abs(derivative(q, step)[[0, -1]]).max() < 0.01
-    again = bc.load(tmp_path / "plan")
-    assert list(again.motions.index) == list(result.motions.index)
+    assert list(bc.load(tmp_path / "plan").motions.index) == list(result.motions.index)
     assert "slow" in str(result)
 
 
@@ -114,9 +112,8 @@ def test_bounds_name_what_a_motion_does_not_keep(log):
     for rated, most in ((np.nan, STRONGER), (0.1, STRONGER), (10.0, 10.0 * RATED)):  # over what was logged
         of = Bounds.of(replace(read, mechanism=replace(m, rated=rated * logged)))
         assert of.torque == pytest.approx(most * logged)
-    assert Bounds.of(replace(read, mechanism=replace(m, fastest=np.full(6, 2.0)))).speed == pytest.approx(
-        2 * STATED
-    )
+    stated = replace(read, mechanism=replace(m, fastest=np.full(6, 2.0)))
+    assert Bounds.of(stated).speed == pytest.approx(2 * STATED)
     t = np.arange(0.0, 4.0, bounds.step)[:, None]
     still = np.tile(bounds.home, (len(t), 1))
     one = np.eye(6)[1]
@@ -147,8 +144,7 @@ def test_a_log_that_lacks_a_quick_motion_gets_one(log):
 
 def test_a_cause_that_is_left_open_moves_its_joint_alone(log):
     motions = next_motions(read_log(log), (), ("joint 5", "tool")).motions
-    alone = next(m for m in motions if m.purpose.kind == "alone")
-    moved = np.ptp(alone.position, axis=0)
+    moved = np.ptp(next(m for m in motions if m.purpose.kind == "alone").position, axis=0)
     assert moved[4] > 0.3
     assert np.all(np.delete(moved, 4) == 0.0)
 
@@ -163,16 +159,14 @@ def test_a_joint_that_rests_does_not_keep_the_others_from_moving(log):
 
     mechanism = replace(read.mechanism, robot=None)
     plan = next_motions(replace(read, mechanism=mechanism, motions=tuple(map(resting, read.motions))))
-    first = next(m for m in plan.motions if m.name == "excitation-1")
-    moved = np.ptp(first.position, axis=0)
+    moved = np.ptp(next(m for m in plan.motions if m.name == "excitation-1").position, axis=0)
     assert moved[5] == 0.0
     assert moved[:5].min() > 0.2
     assert any("limits" in text for text in plan.left_out)
 
 
 def test_an_effect_that_was_not_seen_gets_its_motion(log):
-    names = {m.name for m in next_motions(read_log(log), ("torque-drift",)).motions}
-    assert "warm-up" in names
+    assert "warm-up" in {m.name for m in next_motions(read_log(log), ("torque-drift",)).motions}
     assert "warm-up" not in {m.name for m in next_motions(read_log(log)).motions}
 
 

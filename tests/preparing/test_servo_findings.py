@@ -46,8 +46,7 @@ def test_a_motion_of_another_zero(tmp_path, degrees, words):
         return 0.3 * np.sin(time)[:, None] * [1.0, 0.8]
 
     log = made(trajectory=small)
-    folder = written(moved(log, log.of(4), 1, degrees), tmp_path / "log")
-    (finding,) = found(folder, "turned")
+    (finding,) = found(written(moved(log, log.of(4), 1, degrees), tmp_path / "log"), "turned")
     assert f"J1 is {words} from its other motions in" in finding.what
     assert found(written(moved(log, log.of(4), 1, -degrees), tmp_path / "again"), "turned") == []
 
@@ -84,8 +83,7 @@ WRONG = {
 def test_positions_that_do_not_follow_their_commands(tmp_path, words):
     """Servos are refused; of a log with torques the check says so. One motion is shorter than the delay."""
     log, names = made(lag=0.04), ("command1_deg", "command2_deg")
-    changed = WRONG[words](*(log.columns[name] for name in names))
-    log.columns |= dict(zip(names, changed, strict=True))
+    log.columns |= dict(zip(names, WRONG[words](*(log.columns[name] for name in names)), strict=True))
     rows = np.setdiff1d(np.arange(len(log.motion)), log.of(7)[60:])
     log.columns = {name: x[rows] for name, x in log.columns.items()}
     each = found(written(log, tmp_path / "log"), "command")
@@ -113,10 +111,8 @@ def log(tmp_path_factory):
 
 def test_zeros_of_two_calibrations(log, tmp_path):
     one = calibration(tmp_path / "a.json")
-    two = calibration(
-        tmp_path / "b.json", J1={"homing_offset": 100}, J2={"homing_offset": 2047, "range_max": 4096}
-    )
-    first, second = found(log, "zero", calibration=[one, two])
+    changes = {"J1": {"homing_offset": 100}, "J2": {"homing_offset": 2047, "range_max": 4096}}
+    first, second = found(log, "zero", calibration=[one, calibration(tmp_path / "b.json", **changes)])
     assert "J1 reads -8.79 deg (-100 steps) more by b.json than by a.json" in first.what
     assert second.what.endswith("half a turn")
     assert found(log, "zero", calibration=[one, one]) == found(log, "zero", calibration=[one]) == []

@@ -53,9 +53,8 @@ def words(clearance: Clearance, hit: int) -> str:
     return f"{clearance.capsules[pair.capsule].name} and {other.name}"
 
 
-ZERO = np.zeros(
-    6
-)  # stretched out along x: elbow at (75, 0, 300), wrist at (395, 0, 375), flange at (475, 0, 375) mm
+# stretched out along x: elbow at (75, 0, 300), wrist at (395, 0, 375), flange at (475, 0, 375) mm
+ZERO = np.zeros(6)
 
 
 def test_plain_hits_and_misses():
@@ -169,8 +168,7 @@ def test_the_scene_of_a_session(session):
     assert [s.placement for s in scene.solids[:4]] == ["1", "1", "1", "2"]
     assert scene.solids[-1].name == "table"
     assert set(scene.of) == {t.name for t in dataset.targets}
-    single = replace(dataset, targets=dataset.targets[:1])
-    assert scene_of(single) == Scene((), {})
+    assert scene_of(replace(dataset, targets=dataset.targets[:1])) == Scene((), {})
 
 
 def test_the_ball_is_retracted_along_the_normal(session):
@@ -183,8 +181,7 @@ def test_the_ball_is_retracted_along_the_normal(session):
     for _ in range(4):
         at = retracted(arm, at, 0.005 * normals)
     end = arm.frames(at)
-    off = arm.ball(end) - arm.ball(start) - 0.02 * normals
-    assert np.linalg.norm(off, axis=1).max() < 1e-3
+    assert np.linalg.norm(arm.ball(end) - arm.ball(start) - 0.02 * normals, axis=1).max() < 1e-3
     turned = np.einsum("mij,mij->m", start[:, -1, :3, :3], end[:, -1, :3, :3])
     assert np.percentile(np.degrees(np.arccos(np.clip((turned - 1) / 2, -1, 1))), 90) < 1.0
 
@@ -242,23 +239,20 @@ CUBE = Box(rigid(None, np.array([0.5, 0.0, 2.0])), np.array([0.5, 0.5, 0.5]))
 TURNED = Box(rigid(rpy_matrix(np.array([0, 0, np.pi / 4])), np.array([3.0, 0, 0])), np.array([1.0, 1.0, 1.0]))
 
 
-@pytest.mark.parametrize(
-    ("first", "other", "expected"),
-    [
-        (ROD, capsule([0.5, -1, 0.7], [0.5, 1, 0.7], 0.2), 0.4),  # crossing segments
-        (ROD, capsule([2, 1, 0], [2, 3, 0], 0.2), np.sqrt(2) - 0.3),  # end to end
-        (ROD, capsule([0.2, 0.5, 0], [0.8, 0.5, 0], 0.3), 0.1),  # parallel
-        (ROD, capsule([0.2, 0.3, 0], [0.8, 0.3, 0], 0.3), -0.1),
-        (ROD, CUBE, 1.4),  # along a face
-        (capsule([2, 1, 0], [2, 1, 1], 0.1), CUBE, np.sqrt(1 + 0.25 + 0.25) - 0.1),  # end to corner
-        (ROD, TURNED, 2 - np.sqrt(2) - 0.1),  # end to edge
-        (ROD, ball(np.array([0.3, 0.4, 0]), 0.1), 0.2),
-        (ROD, ball(np.array([1.3, 0.4, 0]), 0.1), 0.3),
-        (capsule([0, 0, 0], [0, 0, 0], 0.1), ball(np.array([0.3, 0.4, 0]), 0.1), 0.3),  # a ball
-        (capsule([0, 0, 0.3], [0, 1, 0.9], 0.1), HalfSpace(np.array([0, 0, 1.0]), 0.05), 0.15),
-        (capsule([0, 0, -0.3], [0, 1, 0.9], 0.1), HalfSpace(np.array([0, 0, 1.0]), 0.05), -0.45),
-    ],
-)
+@pytest.mark.parametrize(("first", "other", "expected"), [
+    (ROD, capsule([0.5, -1, 0.7], [0.5, 1, 0.7], 0.2), 0.4),  # crossing segments
+    (ROD, capsule([2, 1, 0], [2, 3, 0], 0.2), np.sqrt(2) - 0.3),  # end to end
+    (ROD, capsule([0.2, 0.5, 0], [0.8, 0.5, 0], 0.3), 0.1),  # parallel
+    (ROD, capsule([0.2, 0.3, 0], [0.8, 0.3, 0], 0.3), -0.1),
+    (ROD, CUBE, 1.4),  # along a face
+    (capsule([2, 1, 0], [2, 1, 1], 0.1), CUBE, np.sqrt(1 + 0.25 + 0.25) - 0.1),  # end to corner
+    (ROD, TURNED, 2 - np.sqrt(2) - 0.1),  # end to edge
+    (ROD, ball(np.array([0.3, 0.4, 0]), 0.1), 0.2),
+    (ROD, ball(np.array([1.3, 0.4, 0]), 0.1), 0.3),
+    (capsule([0, 0, 0], [0, 0, 0], 0.1), ball(np.array([0.3, 0.4, 0]), 0.1), 0.3),  # a ball
+    (capsule([0, 0, 0.3], [0, 1, 0.9], 0.1), HalfSpace(np.array([0, 0, 1.0]), 0.05), 0.15),
+    (capsule([0, 0, -0.3], [0, 1, 0.9], 0.1), HalfSpace(np.array([0, 0, 1.0]), 0.05), -0.45),
+])  # fmt: skip
 def test_distances_by_hand(first, other, expected):
     assert distance(first, other) == pytest.approx(expected, abs=1e-6)
 

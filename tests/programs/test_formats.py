@@ -49,10 +49,8 @@ def test_only_numbers_of_positions_change(name):
     """Blanks in the places of all numbers of positions: what is left is equal, and the same as before."""
     form, text = PROGRAMS[name], TEXTS[name]
     slots = form.read(text, 6).slots
-    moved = [
-        Corrected("", own.readings + 1e-3, rigid(rpy_matrix(np.full(3, 1e-3))) @ own.pose, own.nominal)
-        for own in kept(slots)
-    ]
+    shift = rigid(rpy_matrix(np.full(3, 1e-3)))
+    moved = [Corrected("", own.readings + 1e-3, shift @ own.pose, own.nominal) for own in kept(slots)]
     new = rewritten(text, form, slots, moved)
     again = form.read(new, 6).slots
     assert len(again) == len(slots)
@@ -67,8 +65,7 @@ def test_only_numbers_of_positions_change(name):
     def rest(of, positions):
         holes = sorted(span for slot in positions for span in places(of, slot))
         ends = [0, *(high for _, high in holes)]
-        starts = [*(low for low, _ in holes), len(of)]
-        return [of[a:b] for a, b in zip(ends, starts, strict=True)]
+        return [of[a:b] for a, b in zip(ends, [*(low for low, _ in holes), len(of)], strict=True)]
 
     assert rest(new, again) == rest(text, slots)
     for own, slot in zip(moved, again, strict=True):
@@ -104,8 +101,7 @@ def test_fanuc_user_frame_of_a_pose_and_register():
 
 
 def test_fanuc_positions_that_are_not_read_are_told():
-    text = TEXTS["fanuc"].replace("W =  -180.000 deg", "W =  ******** deg")
-    program = PROGRAMS["fanuc"].read(text, 6)
+    program = PROGRAMS["fanuc"].read(TEXTS["fanuc"].replace("W =  -180.000 deg", "W =  ******** deg"), 6)
     assert "P[1]: neither X ... R nor J1 ... J6 of the first group; kept" in program.notes
 
 
@@ -114,8 +110,7 @@ def test_kuka_turn_selects_and_is_written():
     assert [slot.name for slot in slots] == ["", "XHOME", "", "", ""]
     assert [slot.target.straight for slot in slots] == [False, False, True, True, True]
     assert not any(slot.target.strict for slot in slots[1:])
-    ptp = PROGRAMS["kuka"].read(TEXTS["kuka"].replace("PTP {Z 100}", "PTP XHOME"), 6).slots
-    assert ptp[1].target.strict
+    assert PROGRAMS["kuka"].read(TEXTS["kuka"].replace("PTP {Z 100}", "PTP XHOME"), 6).slots[1].target.strict
     admits = slots[1].target.admits  # T 35: A1, A2 and A6 negative
     assert admits(np.radians([-10, -20, 30, 40, 50, -60.0]))
     assert not admits(np.radians([-10, -20, 30, -40, 50, -60.0]))
@@ -154,8 +149,7 @@ def test_abb_quarters_select_and_are_written():
     assert pose.target.straight
     assert pose.target.admits(np.radians([10, 0, 0, -20, 0, 30.0]))
     assert not pose.target.admits(np.radians([10, 0, 0, 20, 0, 30.0]))
-    new = rewritten(TEXTS["abb"], PROGRAMS["abb"], slots, kept(slots))
-    assert new.count("[0,-1,-1,1]") == 2
+    assert rewritten(TEXTS["abb"], PROGRAMS["abb"], slots, kept(slots)).count("[0,-1,-1,1]") == 2
     for sign in ("", "-"):  # of the two quaternions of an orientation, that of the program
         text = TEXTS["abb"].replace("[0,1,0,0]", f"[0,{sign}1,0,0]")
         own = PROGRAMS["abb"].read(text, 6).slots
@@ -218,32 +212,20 @@ end
 COMPUTED = {
     "fanuc": (
         TEXTS["fanuc"].replace("L P[1:start] 500mm/sec FINE", "L P[1:start] 500mm/sec FINE Offset,PR[2]"),
-        "line 6: P[1:start] is computed (Offset); kept", ["P[2]"],
-    ),
-    "fanuc by a register": (
-        TEXTS["fanuc"].replace("L P[1:start]", "L P[R[3]]"),
-        "line 6: a motion to a register (P[R[3]]) is kept", ["P[2]", "P[1]"],
-    ),
-    "kuka": (
-        TEXTS["kuka"].replace("PTP {Z 100}", "xhome.X = xhome.X + 5\nPTP XHOME"),
-        "line 12: XHOME is computed; kept", ["", "", "", ""],
-    ),
-    "kuka by a frame": (
-        TEXTS["kuka"].replace("PTP {Z 100}", "LIN XHOME:{X 10,Y 0,Z 0,A 0,B 0,C 0}"),
-        "line 12: XHOME is computed; kept", ["", "", "", ""],
-    ),
-    "abb": (
-        TEXTS["abb"].replace("MoveL p10,", "MoveL Offs(p10, 0, 0, 50),"),
-        "line 9: the position of a MoveL is computed (Offs(p10, 0, 0, 50)); kept", ["p10", "home", ""],
-    ),
-    "abb by its parts": (
-        TEXTS["abb"].replace("    MoveL", "    p10.trans.z := 5 + p10.trans.z;\n    MoveL"),
-        "line 2, p10: it is computed in line 9; kept", ["home", ""],
-    ),
-    "abb with a flag": (
-        TEXTS["abb"].replace("MoveL p10,", "MoveL \\Conc, RelTool(p10, 0, 0, 5),"),
-        "line 9: the position of a MoveL is computed (RelTool(p10, 0, 0, 5)); kept", ["p10", "home", ""],
-    ),
+        "line 6: P[1:start] is computed (Offset); kept", ["P[2]"]),
+    "fanuc by a register": (TEXTS["fanuc"].replace("L P[1:start]", "L P[R[3]]"),
+                            "line 6: a motion to a register (P[R[3]]) is kept", ["P[2]", "P[1]"]),
+    "kuka": (TEXTS["kuka"].replace("PTP {Z 100}", "xhome.X = xhome.X + 5\nPTP XHOME"),
+             "line 12: XHOME is computed; kept", ["", "", "", ""]),
+    "kuka by a frame": (TEXTS["kuka"].replace("PTP {Z 100}", "LIN XHOME:{X 10,Y 0,Z 0,A 0,B 0,C 0}"),
+                        "line 12: XHOME is computed; kept", ["", "", "", ""]),
+    "abb": (TEXTS["abb"].replace("MoveL p10,", "MoveL Offs(p10, 0, 0, 50),"),
+            "line 9: the position of a MoveL is computed (Offs(p10, 0, 0, 50)); kept", ["p10", "home", ""]),
+    "abb by its parts": (TEXTS["abb"].replace("    MoveL", "    p10.trans.z := 5 + p10.trans.z;\n    MoveL"),
+                         "line 2, p10: it is computed in line 9; kept", ["home", ""]),
+    "abb with a flag": (TEXTS["abb"].replace("MoveL p10,", "MoveL \\Conc, RelTool(p10, 0, 0, 5),"),
+                        "line 9: the position of a MoveL is computed (RelTool(p10, 0, 0, 5)); kept",
+                        ["p10", "home", ""]),
 }  # fmt: skip
 
 
@@ -267,28 +249,25 @@ def test_positions_that_no_motion_uses():
     assert all(s.used for s in PROGRAMS["abb"].read(spoken, 6).slots)
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new", "expected"),
-    [
-        ("urscript", "", "", [("line 3", "set_tcp(p[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])", [0, 0, 0.1])]),
-        ("urscript", "p[0.0, 0.0, 0.1, 0.0, 0.0, 0.0]", "x", [("line 3", "set_tcp(x)", None)]),
-        ("fanuc", "", "", [("line 9, P[1]", "UT : 1", None)]),
-        ("fanuc", "UT : 1", "UT : 0", [("line 9, P[1]", "UT : 0", [0, 0, 0])]),
-        ("fanuc", "/MN\r\n", "/MN\r\n   0:  UTOOL_NUM=2 ;\r\n",
-         [("line 10, P[1]", "UT : 1", None), ("line 5", "UT : 2", None)]),
-        ("kuka", "", "", [("line 4", "$TOOL={X 10,Y 0,Z 100,A 0,B 0,C 0}", [0.01, 0, 0.1])]),
-        ("kuka", "$TOOL={X 10,Y 0,Z 100,A 0,B 0,C 0}", "$TOOL=TOOL_DATA[3]",
-         [("line 4", "$TOOL=TOOL_DATA[3]", None)]),
-        ("kuka", "$TOOL={X 10", "$TOOL=TOOL_DATA[3]\nTOOL_DATA[3]={X 10",
-         [("line 4", "$TOOL=TOOL_DATA[3]", [0.01, 0, 0.1])]),
-        ("kuka", "$TOOL={X 10,Y 0,Z 100,A 0,B 0,C 0}", "BAS(#TOOL, 2)", [("line 4", "#TOOL, 2", None)]),
-        ("abb", "", "", [(f"line {k}", "tGun", [0.06, 0, 0.12]) for k in (8, 9, 10)]),
-        ("abb", "tGun:=[TRUE", "tGun:=[FALSE",
-         [(f"line {k}", "tGun, which the robot does not hold", None) for k in (8, 9, 10)]),
-        ("abb", "v100,fine,tGun;", "v100,fine,tool0;",
-         [("line 8", "tool0", [0, 0, 0])] + [(f"line {k}", "tGun", [0.06, 0, 0.12]) for k in (9, 10)]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "old", "new", "expected"), [
+    ("urscript", "", "", [("line 3", "set_tcp(p[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])", [0, 0, 0.1])]),
+    ("urscript", "p[0.0, 0.0, 0.1, 0.0, 0.0, 0.0]", "x", [("line 3", "set_tcp(x)", None)]),
+    ("fanuc", "", "", [("line 9, P[1]", "UT : 1", None)]),
+    ("fanuc", "UT : 1", "UT : 0", [("line 9, P[1]", "UT : 0", [0, 0, 0])]),
+    ("fanuc", "/MN\r\n", "/MN\r\n   0:  UTOOL_NUM=2 ;\r\n",
+     [("line 10, P[1]", "UT : 1", None), ("line 5", "UT : 2", None)]),
+    ("kuka", "", "", [("line 4", "$TOOL={X 10,Y 0,Z 100,A 0,B 0,C 0}", [0.01, 0, 0.1])]),
+    ("kuka", "$TOOL={X 10,Y 0,Z 100,A 0,B 0,C 0}", "$TOOL=TOOL_DATA[3]",
+     [("line 4", "$TOOL=TOOL_DATA[3]", None)]),
+    ("kuka", "$TOOL={X 10", "$TOOL=TOOL_DATA[3]\nTOOL_DATA[3]={X 10",
+     [("line 4", "$TOOL=TOOL_DATA[3]", [0.01, 0, 0.1])]),
+    ("kuka", "$TOOL={X 10,Y 0,Z 100,A 0,B 0,C 0}", "BAS(#TOOL, 2)", [("line 4", "#TOOL, 2", None)]),
+    ("abb", "", "", [(f"line {k}", "tGun", [0.06, 0, 0.12]) for k in (8, 9, 10)]),
+    ("abb", "tGun:=[TRUE", "tGun:=[FALSE",
+     [(f"line {k}", "tGun, which the robot does not hold", None) for k in (8, 9, 10)]),
+    ("abb", "v100,fine,tGun;", "v100,fine,tool0;",
+     [("line 8", "tool0", [0, 0, 0])] + [(f"line {k}", "tGun", [0.06, 0, 0.12]) for k in (9, 10)]),
+])  # fmt: skip
 def test_tools_of_programs(name, old, new, expected):
     tools = PROGRAMS[name].read(TEXTS[name].replace(old, new, 1), 6).tools
     assert [(t.where, t.text) for t in tools] == [(where, text.upper() if name == "kuka" else text)
@@ -317,8 +296,7 @@ def test_a_warning_is_a_comment(name):
 def test_robodk_refuses_a_row_without_joints():
     with pytest.raises(BayescalError, match="line 3: the first 6 cells are not numbers"):
         PROGRAMS["robodk"].read("J1,J2,J3,J4,J5,J6\n1,2,3,4,5,6\n1,2,x,4,5,6\n", 6)
-    bare = PROGRAMS["robodk"].read("1,2,3,4,5,6,0.5\n", 6)
-    assert len(bare.slots) == 1
+    assert len(PROGRAMS["robodk"].read("1,2,3,4,5,6,0.5\n", 6).slots) == 1
 
 
 def test_numbers_keep_the_decimals_that_they_had():

@@ -63,11 +63,8 @@ def workers(process: int) -> list[int]:
 
 def done(folder: Path) -> dict[str, int]:
     """When each run folder that is complete was written."""
-    return {
-        str(p): p.stat().st_mtime_ns
-        for p in (folder / "out" / "sessions").glob("*/[fg]*/*.json")
-        if p.name in ("fit.json", "gap.json")
-    }
+    files = (folder / "out" / "sessions").glob("*/[fg]*/*.json")
+    return {str(p): p.stat().st_mtime_ns for p in files if p.name in ("fit.json", "gap.json")}
 
 
 @pytest.fixture(scope="module")
@@ -128,9 +125,8 @@ def test_the_table_is_right_and_a_bad_session_stands_in_it(ran):
     assert bad["session"] == "bad"
     assert "measurements.csv:" in bad["error"]
     assert f"bad: {bad['error']}" in said
-    assert (
-        record["models"][0]["better"] == ARMS - 1
-    )  # the prior of the others is wrong for the one that differs
+    # the prior of the others is wrong for the one that differs
+    assert record["models"][0]["better"] == ARMS - 1
     page = (out / "fleet.html").read_text()
     for session in record["sessions"]:
         assert bool(session["fit"]) == (f"sessions/{session['session']}/fit/report.html" in page)
@@ -158,10 +154,8 @@ def test_other_options_are_another_computation(ran, folder):
     out, _, _ = ran
     options = {"model": ["geometry", "compliance"], "without": [], "seed": 0, "robust": True}
     for width, error in ((1.0, ""), (2.0, None)):
-        task = Task(
-            folder / "sessions" / "arm-0", out / "sessions" / "arm-0", options | {"prior_width": width}
-        )
-        assert kept(task) == error
+        folders = (path / "sessions" / "arm-0" for path in (folder, out))
+        assert kept(Task(*folders, options | {"prior_width": width})) == error
 
 
 def test_the_learnt_prior_is_used_by_the_next_fit(ran, folder, tmp_path):
@@ -173,19 +167,18 @@ def test_the_learnt_prior_is_used_by_the_next_fit(ran, folder, tmp_path):
     texts = few | {"robot.yaml": (out / "fleet-robot.yaml").read_text()}
     learnt = bc.fit(put(tmp_path / "learnt", texts), samples=0)
     prior = bc.load(out / "sessions" / "arm-0" / "fit").parameters  # stated
-    sd = learnt.parameters.prior_sd[:24]
-    assert (sd < prior.prior_sd[:24]).mean() > 0.8
+    assert (learnt.parameters.prior_sd[:24] < prior.prior_sd[:24]).mean() > 0.8
     key = lambda result: result.record["predicted_distance"]["expanded_U_um"]  # noqa: E731
     assert key(learnt) < 0.9 * key(plain)
     assert not [w for w in learnt.warnings if "contrary to the prior" in w]
 
 
-def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path, usual_draws):
+def test_an_arm_unlike_the_fleet_is_told_by_its_fit(ran, folder, tmp_path, usual_draws):
     """A prior that is wrong in one parameter, by many of its standard deviations."""
     texts = {p.name: p.read_text() for p in (folder / "sessions" / "arm-0").iterdir()}
     prior = "priors:\n  - {name: theta3, deviation_deg: 0.8, sd_deg: 0.02}\n  - {name: theta9, sd_deg: 1}\n"
     found = bc.fit(put(tmp_path / "far", texts | {"robot.yaml": texts["robot.yaml"] + prior}), samples=0)
-    plain = bc.load(folder / "out" / "sessions" / "arm-0" / "fit")
+    plain = bc.load(ran[0] / "sessions" / "arm-0" / "fit")
     codes = {f["code"]: f["text"] for f in found.record["findings"]}
     assert codes["far_from_prior"].startswith("theta3:")
     assert "theta9" in codes["prior_unused"]
@@ -193,15 +186,13 @@ def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path, usual_draw
     assert "priors" not in robot_text(of_fit(found.data), "")  # of a calibrated arm
     for name in ("theta2", "theta3", "d4"):  # the usual prior holds
         usual, now = plain.parameters.loc[name], found.parameters.loc[name]
-        assert list(now[["estimate", "u", "prior_sd"]]) == pytest.approx(
-            list(usual[["estimate", "u", "prior_sd"]]), rel=1e-3
-        )
+        columns = ["estimate", "u", "prior_sd"]
+        assert list(now[columns]) == pytest.approx(list(usual[columns]), rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("arm", "message"),
-    [("(", "no regular expression"), ("x", "not in the name of"), ("none.csv", "none.csv")],
-)
+@pytest.mark.parametrize(("arm", "message"), [
+    ("(", "no regular expression"), ("x", "not in the name of"), ("none.csv", "none.csv"),
+])  # fmt: skip
 def test_arms_that_cannot_be_told(folder, tmp_path, arm, message):
     refused(message, lambda: bc.fleet([folder / "sessions"], tmp_path / "out", arm=arm))
     assert not (tmp_path / "out").exists()

@@ -1,7 +1,5 @@
 """The public API: its examples run, results print and come back, and a user's own effect is taken."""
 
-from __future__ import annotations
-
 import csv
 import doctest
 import inspect
@@ -26,16 +24,9 @@ from bayescal.fitted.gate import NOTHING, Use
 from bayescal.public import GapResult
 from bayescal.public.budgets import certificate
 
-DOCUMENTED = (
-    "bayescal",
-    "bayescal.effects",
-    "bayescal.robots",
-    *(
-        f"bayescal.public.{f.stem}"
-        for f in sorted(Path(bc.__file__).parent.glob("public/*.py"))
-        if ">>>" in f.read_text()
-    ),
-)
+PUBLIC = (f for f in sorted(Path(bc.__file__).parent.glob("public/*.py")) if ">>>" in f.read_text())
+FUNCTIONS = (f"bayescal.public.{f.stem}" for f in PUBLIC)
+DOCUMENTED = ("bayescal", "bayescal.effects", "bayescal.robots", *FUNCTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -105,9 +96,8 @@ def result(session, remembered):
 
 
 def test_a_fit_prints_itself(result):
-    assert repr(result).startswith(
-        "<calibration of simulated: geometry, compliance; predicted distance error"
-    )
+    words = "<calibration of simulated: geometry, compliance; predicted distance error"
+    assert repr(result).startswith(words)
     assert "\n" not in repr(result)
     assert "model explains validation data" in str(result)
     assert "<table" in result._repr_html_()
@@ -276,9 +266,7 @@ def test_options_of_changes_arrive(tmp_path, remounted, robust):
     session = bc.read_dataset(EXAMPLE)
     (tmp_path / "at.csv").write_text("id,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\ngrasp,0,10,-20,0,30,0\n")
     options = {"remounted": remounted, "robust": robust, "at": tmp_path / "at.csv"}
-    got = spied(
-        "bayescal.changes.changed", lambda: bc.changed([session, session], "geometry, step", **options)
-    )
+    got = spied("bayescal.changes.changed", lambda: bc.changed([session] * 2, "geometry, step", **options))
     assert (got["remounted"], got["robust"]) == (remounted, robust)
     assert got["effects"] == ("geometry", "step")
     assert [t.id for t in got["targets"]] == ["grasp"]
@@ -316,10 +304,8 @@ def test_options_of_what_uses_an_arm_arrive(monkeypatch):
     keys = ("format_", "frame", "tool", "payload", "time", "row")
     assert [got[key] for key in keys] == ["kuka", "cube", "ball", 1.5, 3.5, "c7"]
     assert got["tcp"].tolist() == [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]
-    got = spied(
-        "bayescal.exporting.export.export",
-        lambda: bc.export(Path("run"), "mjcf", into="a.xml", readings="script", force=True, **state),
-    )
+    given = {"into": "a.xml", "readings": "script", "force": True, **state}
+    got = spied("bayescal.exporting.export.export", lambda: bc.export(Path("run"), "mjcf", **given))
     keys = ("to", "into", "readings", "time", "row", "force")
     assert [got[key] for key in keys] == ["mjcf", "a.xml", "script", 3.5, "c7", True]
     assert asked == [("run", ("backlash", "step"), ("compliance",)), (Path("run"), *asked[0][1:])]

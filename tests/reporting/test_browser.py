@@ -1,7 +1,5 @@
 """Pages in headless Chromium: width, errors, requests, the view in 3-D, accessibility, inert names."""
 
-from __future__ import annotations
-
 import json
 from functools import lru_cache
 from pathlib import Path
@@ -73,9 +71,8 @@ def opened(browser, pages, problems):
     def open_(name: str, width: int, scheme: str, scripts: bool):
         for context in browser.contexts:
             context.close()
-        context = browser.new_context(
-            viewport={"width": width, "height": 900}, java_script_enabled=scripts, color_scheme=scheme
-        )
+        view = {"width": width, "height": 900}
+        context = browser.new_context(viewport=view, java_script_enabled=scripts, color_scheme=scheme)
         page = context.new_page()
         page.set_default_timeout(WAIT)
         page.on("console", lambda m: m.type == "error" and problems.append(m.text))
@@ -143,14 +140,12 @@ def test_accessible(opened, name, scheme):
     drawn(page, "residuals")
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 30)"
     assert dark == (scheme == "dark")
-    assert page.evaluate("document.getElementById('residual-plot').layout.paper_bgcolor") == (
-        "#14191e" if dark else "#fff"
-    )
+    colour = page.evaluate("document.getElementById('residual-plot').layout.paper_bgcolor")
+    assert colour == ("#14191e" if dark else "#fff")
     script = next(Path(axe_core_python.__file__).parent.glob("*.min.js")).read_text(encoding="utf-8")
     page.evaluate(script)  # by the debugger: the page's policy does not concern it
     nodes = "r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 200))])"
-    found = page.evaluate(f"axe.run(document).then(r => {nodes})")
-    assert found == []
+    assert page.evaluate(f"axe.run(document).then(r => {nodes})") == []
 
 
 def test_the_arm_responds(opened, record):
@@ -181,10 +176,8 @@ def test_the_arm_is_a_body(opened, record):
     drawn(page, "arm")
     page.locator("#scene-row").fill("7")
     plot = "document.getElementById('scene-plot').data"
-    mesh, fixed = (
-        np.array(page.evaluate(f"['x', 'y', 'z'].map((axis) => Array.from({plot}[{k}][axis]))")).T
-        for k in (3, 4)
-    )
+    script = "['x', 'y', 'z'].map((axis) => Array.from({}[{}][axis]))"
+    mesh, fixed = (np.array(page.evaluate(script.format(plot, k))).T for k in (3, 4))
     arm, moved = record["arm"], placed(record["arm"], np.radians(record["rows"]["angle_deg"][7]))
     count = len(mesh) // len(arm["capsules"])
     for k, c in enumerate(arm["capsules"]):

@@ -34,8 +34,7 @@ PLACE = "joint 2, angle of J2 times a function of another angle, 3 to 20 periods
 
 @pytest.fixture(scope="module")
 def result():
-    session = bc.simulate(contacts=80, later=16, repeats=5, spheres=3, placements=1, seed=1)
-    return bc.fit(session, samples=0)
+    return bc.fit(bc.simulate(contacts=80, later=16, repeats=5, spheres=3, placements=1, seed=1), samples=0)
 
 
 @pytest.fixture(scope="module")
@@ -87,10 +86,9 @@ def many_targets(fit):
     names = [f"{LONG} {k}" for k in range(20)]
     rows = fit["rows"] | {"target": [names[k % 20] for k in range(len(fit["rows"]["id"]))]}
     checked = fit["validation"]
-    checked = checked | {
-        "distances": [d | {"between": names[:2]} for d in checked["distances"]] * 8,
-        "planes": [p | {"target": LONG} for p in checked["planes"]],
-    }
+    distances = [d | {"between": names[:2]} for d in checked["distances"]] * 8
+    planes = [p | {"target": LONG} for p in checked["planes"]]
+    checked = checked | {"distances": distances, "planes": planes}
     own = [p | {"name": f"{p['name']} of {LONG}"} for p in fit["parameters"]]
     return fit | {"rows": rows, "validation": checked, "parameters": own}
 
@@ -143,8 +141,7 @@ def marks(axes, style):
 
 def test_levels_are_those_of_the_record(fit, sessions):
     for record, key in ((fit, "heldout_planes_rms_um"), (sessions["named"], "heldout_rms_um")):
-        axes = draw("levels", record).axes[0]
-        drawn = marks(axes, {"color": SERIES[0], "marker": "o"})
+        drawn = marks(draw("levels", record).axes[0], {"color": SERIES[0], "marker": "o"})
         assert drawn[:, 0] == pytest.approx([step[key] for step in record["ladder"]])
         assert np.all(np.diff(drawn[:, 1]) > 0)
 
@@ -152,10 +149,8 @@ def test_levels_are_those_of_the_record(fit, sessions):
 def test_points_are_not_drawn_per_coordinate(sessions):
     """The error of a point is the length of its vector, in the levels too."""
     record = sessions["points"]
-    record = record | {
-        "lengths": record["lengths"] | {"of": "validation points"},
-        "ladder": [step | {"point_length_rms_um": 3.0 * k + 1} for k, step in enumerate(record["ladder"])],
-    }
+    ladder = [step | {"point_length_rms_um": 3.0 * k + 1} for k, step in enumerate(record["ladder"])]
+    record = record | {"lengths": record["lengths"] | {"of": "validation points"}, "ladder": ladder}
     axes = draw("levels", record).axes[0]
     assert len(marks(axes, {"color": SERIES[0], "marker": "o"})) == 0
     lengths = [3.0 * k + 1 for k in range(len(record["ladder"]))]
@@ -244,9 +239,8 @@ def test_bars_are_those_of_the_record(sessions):
     drawn = bars(draw("where", record).axes[0])
     shown = record["where"][: where.PLACES]
     assert [width for width, _ in drawn] == pytest.approx([w["rms_um"] for w in shown])
-    assert [colour != "#ffffff" for _, colour in drawn] == [
-        where.significant(w["family_p_value"]) for w in shown
-    ]
+    expected = [where.significant(w["family_p_value"]) for w in shown]
+    assert [colour != "#ffffff" for _, colour in drawn] == expected
     drawn = bars(draw("which", record).axes[0])
     ranked = sorted(record["probability"].values(), reverse=True)
     assert [width for width, _ in drawn] == pytest.approx(ranked[: len(drawn)])
@@ -300,8 +294,7 @@ def test_a_diagnosis_without_a_refit_has_no_residuals_before_it(sessions):
 
 def test_a_long_label_of_an_axis_has_room(result):
     """The second line of 'compliance J4 (µrad/(N m))' below a pair was outside of the figure."""
-    figure = bc.plot.posterior(result, ["compliance J4", "compliance J5", "ball x"])
-    assert clashes(figure) == ([], [])
+    assert clashes(bc.plot.posterior(result, ["compliance J4", "compliance J5", "ball x"])) == ([], [])
 
 
 def test_the_log_evidence_of_a_set_is_that_of_the_page(sessions):
@@ -403,14 +396,12 @@ DEFICIENCIES = cases("deficiencies")
 
 
 def test_series_differ_in_grey_and_for_colour_blind_readers():
-    light = [lightness(c) for c in SERIES]
-    assert np.all(np.diff(light) > 12)
+    assert np.all(np.diff([lightness(c) for c in SERIES]) > 12)
     assert lightness(MARKED) - lightness(INK) > 15
     linear = np.array([to_rgb(c) for c in SERIES]) ** 2.2
     for matrix in DEFICIENCIES.values():
         seen = (linear @ np.array(matrix).T).clip(0, 1) ** (1 / 2.2)
-        apart = [np.linalg.norm(a - b) for k, a in enumerate(seen) for b in seen[:k]]
-        assert min(apart) > 0.15
+        assert min([np.linalg.norm(a - b) for k, a in enumerate(seen) for b in seen[:k]]) > 0.15
 
 
 def test_files_are_undated_and_settings_of_the_user_neither_matter_nor_change(fit):
@@ -422,8 +413,7 @@ def test_files_are_undated_and_settings_of_the_user_neither_matter_nor_change(fi
 
 
 def test_names_are_not_read_as_formulas(fit):
-    figure = draw("residuals", many_targets(fit))
-    named = [text for text in texts(figure) if "$" in text.get_text()]
+    named = [text for text in texts(draw("residuals", many_targets(fit))) if "$" in text.get_text()]
     assert named
     assert not any(text.get_parse_math() for text in named)
 
@@ -515,8 +505,7 @@ def test_distances_that_are_shown_have_the_largest_errors_of_either_sign():
         }  # fmt: skip
 
     axes = Figure().subplots()
-    estimates.distances_panel(
-        {"validation": {"distances": [distance(k) for k in range(estimates.MOST + 8)]}}
-    ).draw(axes)
+    distances = [distance(k) for k in range(estimates.MOST + 8)]
+    estimates.distances_panel({"validation": {"distances": distances}}).draw(axes)
     said = " ".join(text.get_text() for text in axes.texts)
     assert [k for k in range(estimates.MOST + 8) if f"t{k}." in said] == list(range(8, estimates.MOST + 8))

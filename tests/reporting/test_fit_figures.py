@@ -13,9 +13,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 from rich.console import Console
 from scipy.optimize import least_squares
-from sessions import validating
+from sessions import validating, with_columns
 
 import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
@@ -25,23 +26,7 @@ from bayescal.robots import load_robot
 UM, DEG = 1e6, 180.0 / np.pi
 az = arviz()
 OUTLIER = 20
-VOLUME = r"predicted_distance\.(all\.\d\.)?"
-ELSEWHERE = {
-    r"arm\..*": "tests/reporting/test_pages.py",
-    r"use\..*": "tests/fitted",
-    r"(verdict|findings)\..*": "tests/assess/test_acceptance.py",
-    r"(discrepancy|faces|directions)\..*|noise\.unexplained.*": "tests/estimate, tests/assess",
-    r"identifiability\..*": "tests/calibration, tests/assess",
-    VOLUME + r"(k|count|lengths.*|measured.*|predicted_.*)": "tests/predict",
-    r".*(_share|prior_rms_um)": "tests/predict, tests/assess/test_one_uncertainty.py",
-    r"parameters\..*\.(ess.*|rhat)": "of draws before discrepancy: tests/posterior",
-    r"predicted_distance\.all\.1\..*": "of the probed volume: tests/predict",
-    r"sampler\..*|.*\.sd_without_discrepancy": "tests/posterior",
-    r"iso9283\..*\.u_.*": "tests/reporting",
-    r"ladder\.[12]\..*|ladder\.\d\.unexplained_um": "a fit of its own: tests/calibration",
-    r".*diameters.*interval95_um.*|ladder.*predicted_distance.*": "tests/predict",
-    r"noise\.repeats.*": "tests/estimate",
-}
+ELSEWHERE = cases("fit_figures_elsewhere")
 """What follows from no formula of a few lines, and where it is tested."""
 
 
@@ -98,16 +83,12 @@ def level(dataset, robot, tip, rejected):
 
 
 def contacts(cube, tracker):
-    session = bc.simulate(
-        effects="geometry", contacts=70, later=12, repeats=3, spheres=3, placements=1, seed=3
-    ).dataset
+    few = {"contacts": 70, "later": 12, "repeats": 3, "spheres": 3, "placements": 1, "seed": 3}
+    session = bc.simulate(effects="geometry", **few).dataset
     readings = session.measurements.readings.copy()
     readings[OUTLIER] += 5e-3
-    return replace(
-        session,
-        measurements=replace(session.measurements, readings=readings),
-        certificates=tuple(c for c in session.certificates if c.kind == "distance"),
-    )
+    lengths = tuple(c for c in session.certificates if c.kind == "distance")
+    return with_columns(replace(session, certificates=lengths), readings=readings)
 
 
 def points(cube, tracker):
@@ -156,16 +137,12 @@ def of_parameters(run):
         ess = [pytest.approx(float(np.asarray(az.ess(np.asarray(drawn), **way))), rel=0.02) for way in ways]
         rhat = float(np.asarray(az.rhat(np.asarray(drawn))))
         widened = prior[name]["sd"] > 1.001 * prior[name]["sd_without_discrepancy"]
-        figures = {
-            "unit": drawn.attrs["units"],
-            "nominal": nominal,
-            "prior_mean": nominal,
+        figures = {"unit": drawn.attrs["units"], "nominal": nominal, "prior_mean": nominal, "sd": flat.std()}
+        figures |= {
             "estimate": pytest.approx(flat.mean(), abs=0.5 * flat.std()),
-            "sd": flat.std(),
             "prior_sd": flat.std() / z.std(),
-            "contraction": 1.0 - z.var(),
-            "interval95": list(np.quantile(flat, [0.025, 0.975])),
         }
+        figures |= {"contraction": 1.0 - z.var(), "interval95": list(np.quantile(flat, [0.025, 0.975]))}
         if not widened:
             least = min(ess, key=lambda e: e.expected)
             figures |= {"ess_bulk": ess[0], "ess_tail": ess[1], "ess": least, "rhat": rhat}
@@ -232,12 +209,9 @@ def of_distances(run):
 def of_diameters(run):
     for name, diameter in run.calibrated.diameter.items():
         certified = UM * next(t.values["diameter"] for t in run.dataset.targets if t.name == name)
-        yield {
-            "target": name,
-            "certified_mm": 1e-3 * certified,
-            "nominal_error_um": pytest.approx(run.nominal.diameter[name] - certified, rel=0.15),
-            "calibrated_error_um": diameter - certified,
-        }
+        nominal = pytest.approx(run.nominal.diameter[name] - certified, rel=0.15)
+        errors = {"nominal_error_um": nominal, "calibrated_error_um": diameter - certified}
+        yield {"target": name, "certified_mm": 1e-3 * certified, **errors}
 
 
 def of_points(run, own):
@@ -301,11 +275,9 @@ def expected(run):
     validate = (m.role == "validate") & ~np.isnan(run.calibrated.length)
     planes = [] if not run.calibrated.distance else of_planes(run)
     distances = list(of_distances(run))
-    before, after = (
-        np.array([x.distance[tuple(d["between"])] - 1e3 * d["certified_mm"] for d in distances])
-        for x in (run.nominal, run.calibrated)
-    )
-    certified = [d["certified_mm"] for d in distances]
+    pairs, certified = [tuple(d["between"]) for d in distances], [d["certified_mm"] for d in distances]
+    lengths = (np.array([x.distance[p] for p in pairs]) for x in (run.nominal, run.calibrated))
+    before, after = (length - 1e3 * np.array(certified) for length in lengths)
     group = "contact" if planes else "point"
     stated = UM * getattr(run.dataset.noise, group)
     scale = float(np.asarray(run.nc["posterior"]["noise_scale"]).mean())
@@ -417,10 +389,8 @@ SHEETS = {
     ("distance",): ("validation.distances", (*DISTANCE, "predicted_sd_um", "predicted_interval95_um", None)),
     ("distances",): ("validation.distances", (*DISTANCE, "predicted_interval95_um", None)),
     ("diameter of",): ("validation.diameters", (*DISTANCE, "predicted_interval95_um", None)),
-    ("target",): (
-        "validation.planes",
-        ("count", "nominal_rms_um", "calibrated_rms_um", "calibrated_max_um", "predicted_rms_um"),
-    ),
+    ("target",): ("validation.planes",
+                  ("count", "nominal_rms_um", "calibrated_rms_um", "calibrated_max_um", "predicted_rms_um")),
     ("model",): ("ladder", tuple(key for key in LEVEL if "interval" not in key)),
     ("validation (µm)",): ("ladder", LEVEL),
     ("quantity",): ("iso9283.figures", ACCURACY),
@@ -428,22 +398,15 @@ SHEETS = {
     ("parameter",): ("parameters", NUMBERS),
     ("parameter", "parameter"): ("correlations", ("r",)),
     ("test",): ("verdict.tests", ("value", "limit", "p")),
-}
+}  # fmt: skip
 """Headings of a table that name its rows: where its figures are in the record, column by column."""
 NOT_HERE = ("component", "measurand")
 """Tables of budget.json: tests/assess/test_budget.py."""
 FIGURE = re.compile(r"([+-]?\d+(?:\.(\d+))?)(?:\((\d+(?:\.\d+)?)\))?")
 
 
-NAMES = (
-    ("a", "b"),
-    ("id", "target", "role"),
-    ("target", "role"),
-    ("over",),
-    ("words",),
-    ("name",),
-    ("target",),
-)
+NAMES = (("a", "b"), ("id", "target", "role"), ("target", "role"))
+NAMES += tuple((name,) for name in ("over", "words", "name", "target"))
 """Keys of the first cells of the rows of a table."""
 
 

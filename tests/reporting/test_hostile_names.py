@@ -78,19 +78,16 @@ def session(cube, tmp_path_factory):
 
 def test_commands_print_names_as_they_are(session):
     out = session.parent / "[red]run"
-    checked, fitted = (
-        run("check", str(session)),
-        run("fit", str(session), "--samples", "0", "--no-pictures", "--out", str(out)),
-    )
+    checked = run("check", str(session))
+    fitted = run("fit", str(session), "--samples", "0", "--no-pictures", "--out", str(out))
     assert "[/] <hostile>  [/] <hostile>" in checked
     assert "[/] <hostile>  [/] <hostile>" in fitted
     assert f"{out}/fit.json" in fitted
     for target in bc.read_dataset(session).targets:
         assert target.name.split()[0] in checked
     run("budget", str(out))
-    assert "hostile" in run(
-        "export", str(out), "--to", "urdf", "--force", "--out", str(session.parent / "a.urdf")
-    )
+    urdf = str(session.parent / "a.urdf")
+    assert "hostile" in run("export", str(out), "--to", "urdf", "--force", "--out", urdf)
     run("report", str(out))
     page = Elements((out / "report.html").read_text(encoding="utf-8"))
     assert "<hostile>" in page.text
@@ -99,11 +96,9 @@ def test_commands_print_names_as_they_are(session):
 
 def test_no_name_is_an_element_of_any_page(session, tmp_path, quick_search):
     """Of a fit, a diagnosis, both side by side and a plan: pages, and what a notebook shows of them."""
-    results = {
-        "report.html": bc.fit(session, samples=0),
-        "gap.html": bc.diagnose(session, "geometry"),
-        "plan.html": bc.plan(session, contacts=60, purpose="distances", candidates=130, order="random"),
-    }
+    options = {"contacts": 60, "purpose": "distances", "candidates": 130, "order": "random"}
+    results = {"report.html": bc.fit(session, samples=0), "gap.html": bc.diagnose(session, "geometry")}
+    results["plan.html"] = bc.plan(session, **options)
     for name, result in results.items():
         result.save(tmp_path / name, **({} if name == "plan.html" else {"pictures": False}))
         assert "<hostile" in Elements((tmp_path / name / name).read_text(encoding="utf-8")).text

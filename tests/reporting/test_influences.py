@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 from gap_diagnoses import BACKLASH, diagnosis
 from influences import check_written, unseen
 from planning.made_up_plans import made_up_plan
@@ -20,13 +21,10 @@ from bayescal.reporting.gap import summary
 from bayescal.reporting.page import Run, build
 from bayescal.reporting.page import fit as fit_page
 from bayescal.reporting.page import plan as plan_page
-from bayescal.watching import Complete
-from bayescal.watching.update import Contact
+from bayescal.watching import Complete, Contact
 
-PARTS = (
-    *("magnitude", "where", "margins", "verdict", "shrinkage", "levels", "advice", "blind_spots"),
-    *("amplitudes", "undecided"),
-)
+PARTS = ("magnitude", "where", "margins", "verdict", "shrinkage", "levels", "advice", "blind_spots")
+PARTS += ("amplitudes", "undecided")
 """Of a diagnosis, with numbers; `residuals` has three arrays without names."""
 NAMES = r".*(site|sites|neighbours)\.number|.*driver\.joint"
 """Numbers that are part of the name of a site or driver."""
@@ -69,13 +67,10 @@ def gap(session):
     contact = NextContact("cube.+x", session.tools[0].name, readings, speeds, 2.5, "")
     sides = [Suspect("backlash", {"backlash J3": x}, {"backlash J3": "rad"}) for x in (1e-4, 3e-4, 5e-4)]
     named = (replace(BACKLASH, events=(Event(7, (5, 9)),)), *made.verdict.named[1:])
-    return replace(
-        made,
-        verdict=replace(made.verdict, named=named),
-        amplitudes=(wave,),
-        advice=tuple(replace(a, contacts=(contact,)) for a in made.advice),
-        undecided=(Pair(*((s,) for s in sides)),),
-    )
+    advice = tuple(replace(a, contacts=(contact,)) for a in made.advice)
+    undecided = (Pair(*((s,) for s in sides)),)
+    verdict = replace(made.verdict, named=named)
+    return replace(made, verdict=verdict, amplitudes=(wave,), advice=advice, undecided=undecided)
 
 
 def test_every_number_of_a_diagnosis_is_in_its_record_under_its_name(gap):
@@ -109,42 +104,15 @@ def test_every_number_of_a_diagnosis_is_shown(session, kind, monkeypatch):
     assert not unseen(lambda r: [of(Run("gap", r, "run")) for of in build.KINDS["gap"][2]], record, ON_PAGE)
 
 
-FOUND = {"parameter": "a2", "value": 0.31, "u": 0.12, "unit": "mm", "p_all": 0.013, "stated": True}
-FLEET = {
-    "arms": [
-        {"arm": "a", "robot": "ur5e", "sessions": ["s", "t"], "expanded_U_um": 51.0, "measured_rms_um": 21.0,
-         "effects": [{"effect": "backlash", "site": "joint 3"}], "differs": [FOUND],
-         "changed": [FOUND | {"parameter": "d4", "since": "t"}], "log_score_nats": 11.0}
-    ],
-    "effects": [
-        {"effect": "backlash", "site": "joint 3", "arms": ["a", "b"], "of": 12, "expected_arms": 3.7,
-         "values": [0.013, 0.027], "unit": "deg"}
-    ],
-    "sessions": [
-        {"session": "s", "arm": "a", "status": "fitted", "fit": {"expanded_U_um": 52.0}, "error": "",
-         "gap": {"words": ["Effect found"]}, "folder": "sessions/s"}
-    ],
-    "models": [
-        {"robot": "ur5e", "arms": ["a", "b", "c"], "comparisons": 78, "comparisons_between_sessions": 26,
-         "log_score_nats": 17.0, "better": 2, "widened": 1.3, "file": "ur5e.yaml",
-         "parameters": [
-            {"name": "a2", "unit": "mm", "stated_deviation": 0.011, "stated_sd": 0.5, "deviation": 0.13,
-             "u_deviation": 0.031, "usual_sd": 0.23, "sd": 0.29, "effective_arms": 4.0}
-        ]}
-    ],
-    "count": {"sessions": 4, "fitted": 2, "kept": 1, "failed": 1},
-}  # fmt: skip
-"""The record of a fleet."""
-
-
 def test_every_number_of_a_fleet_is_shown():
     def shown(record):
         tables = (fleet.arms, fleet.effects, fleet.sessions, fleet.findings)
         each = [(fleet.parameters(m), fleet.learnt(m)) for m in record["models"]]
         return [[table(record) for table in tables], each, fleet.counted(record)]
 
-    assert not unseen(shown, FLEET, "")
-    ((said,),) = (found for heading, found in fleet.findings(FLEET) if heading == "changed")
+    record = cases("fleet")
+    assert not unseen(shown, record, "")
+    ((said,),) = (found for heading, found in fleet.findings(record) if heading == "changed")
     assert "changed before session t" in said
     assert said.endswith("(26 comparisons)")
 
@@ -168,29 +136,15 @@ def test_an_arm_of_a_fleet_is_that_of_its_last_session():
 
 ERRORS = {"certified_mm": 200.1, "nominal_error_um": 310.0, "calibrated_error_um": 12.5}
 ERRORS |= {"predicted_interval95_um": [-21.5, 17.5], "inside95": True}
-FACE = {
-    "target": "cube.+x",
-    "role": "validate",
-    "count": 8,
-    "nominal_rms_um": 410.0,
-    "calibrated_rms_um": 9.5,
-}
+FACE = {"target": "cube.+x", "role": "validate", "count": 8}
+FACE |= {"nominal_rms_um": 410.0, "calibrated_rms_um": 9.5}
 FACE |= {"calibrated_max_um": 19.0, "predicted_rms_um": 7.25, "inside95_fraction": 0.875}
 EXPECTED = {"over": "the probed volume", "count": 1000, "lengths_mm": [51.0, 702.0], "predicted_rms_um": 11.0}
-EXPECTED |= {
-    "expanded_U_um": 22.0,
-    "k": 2.0,
-    "predicted_interval95_um": [-23.5, 24.5],
-    "measured_rms_um": 13.0,
-}
-OF_FIT = {
-    "validation": {
-        "planes": [FACE],
-        "distances": [ERRORS | {"between": ["ball.A", "ball.B"], "predicted_sd_um": 10.5}],
-        "diameters": [ERRORS | {"target": "ball.A"}],
-    },
-    "predicted_distance": {"all": [EXPECTED]},
-}
+EXPECTED |= {"expanded_U_um": 22.0, "k": 2.0, "predicted_interval95_um": [-23.5, 24.5]}
+EXPECTED |= {"measured_rms_um": 13.0}
+DISTANCE = ERRORS | {"between": ["ball.A", "ball.B"], "predicted_sd_um": 10.5}
+CHECKED = {"planes": [FACE], "distances": [DISTANCE], "diameters": [ERRORS | {"target": "ball.A"}]}
+OF_FIT = {"validation": CHECKED, "predicted_distance": {"all": [EXPECTED]}}
 
 
 def test_every_validated_number_of_a_fit_is_on_its_page():
@@ -209,9 +163,8 @@ def test_every_number_of_a_plan_is_in_its_record_under_its_name(session, cube, m
     scalars = {key: getattr(plan, key) for key in ("equals_random", "next_u", "travel", "seconds")}
     parts = {key: getattr(plan, key) for key in ("expected", "parameters", "detectable", "confusable")}
     parts |= {key: getattr(plan, key) for key in ("observability", "observability_random", "clearance")}
-    curves = {
-        key: [{"contacts": n, "sd": u} for n, u in getattr(plan, key)] for key in ("curve", "curve_random")
-    }
+    kinds = ("curve", "curve_random")
+    curves = {key: [{"contacts": n, "sd": u} for n, u in getattr(plan, key)] for key in kinds}
 
     def record(given):
         points = {key: tuple((p["contacts"], p["sd"]) for p in given[key]) for key in curves}
@@ -222,11 +175,8 @@ def test_every_number_of_a_plan_is_in_its_record_under_its_name(session, cube, m
         "parameters.prior": "prior_u", "confusable.before": "lambda_before",
         "confusable.after": "lambda_after", "noise": "shares_noise",
     }  # fmt: skip
-    units = {
-        r"_mm": lambda x: 1e3 * x,
-        r"_um": lambda x: 1e6 * x,
-        r"^detectable": lambda x: np.concatenate([factor * x for _, factor in UNITS_OF_FILES]),
-    }
+    units = {r"_mm": lambda x: 1e3 * x, r"_um": lambda x: 1e6 * x}
+    units[r"^detectable"] = lambda x: np.concatenate([factor * x for _, factor in UNITS_OF_FILES])
     check_written(record, scalars | parts | curves, but=NAMES, called=called, units=units)
 
 
@@ -238,9 +188,8 @@ def test_every_number_of_a_watched_session_is_in_its_record_under_its_name(monke
     monkeypatch.setattr(watch, "origin", lambda *given: {})
     spots = [{"smallest": 2e-3, "plausible": 3e-4, "distance_error": 5e-5}]
     contacts = [{"residual": 1e-6 * k, "u": 1e-7 * k, "p_value": 0.01 * k, "U": 3e-5 * k} for k in (11, 13)]
-    fits = [
-        {"moved": 0.7 + k, "seconds": 1.5 + k, "k": 2.25 + k, "expanded": 5e-5 + 1e-6 * k} for k in (0, 1)
-    ]
+    fits = [{"moved": 0.7 + k, "seconds": 1.5 + k, "k": 2.25 + k} for k in (0, 1)]
+    fits = [fit | {"expanded": 5e-5 + 1e-6 * k} for k, fit in enumerate(fits)]
     rows = SimpleNamespace(measurements=SimpleNamespace(ids=("a", "b", "c", "d")))
     left_out = SimpleNamespace(estimate=SimpleNamespace(rejected=np.array([1, 3])))
     options = SimpleNamespace(effects=("geometry",), enough=7e-5, planned=60, fit=SimpleNamespace(seed=0))
@@ -283,9 +232,8 @@ def test_every_number_of_a_verification_is_in_its_record_under_its_name():
         levels = [SimpleNamespace(differences=[0], **level) for level in given["levels"]]
         about = {"format": "urdf", "path": Path("arm.urdf"), "software": "MuJoCo", "state": 0, "passed": True}
         gap = SimpleNamespace(before_is="nominal", **parts)
-        return exports.record(
-            SimpleNamespace(arm=arm, levels=levels, missing=given["missing"], gap=gap, **about)
-        )
+        result = SimpleNamespace(arm=arm, levels=levels, missing=given["missing"], gap=gap, **about)
+        return exports.record(result)
 
     called = {"maximum": "max_difference", "rms": "rms_difference", "backlash": "not_in_file_backlash"}
     for kind in kinds:

@@ -17,10 +17,8 @@ from bayescal.watching.update import Contact
 
 def run(name, errors, values, **expected):
     """A run of `fit`: errors of distances, µm, and estimates with u."""
-    parameters = [
-        {"name": key, "effect": "geometry", "unit": "mm", "estimate": value, "sd": sd}
-        for key, (value, sd) in values.items()
-    ]
+    usual = {"effect": "geometry", "unit": "mm"}
+    parameters = [{"name": key, "estimate": value, "sd": sd, **usual} for key, (value, sd) in values.items()]
     record = {
         "dataset": {"name": name, "sha256": name}, "robot": "arm", "parameters": parameters,
         "predicted_distance": {"over": "centres", **expected},
@@ -70,26 +68,17 @@ def test_compared_methods_have_the_errors_of_their_headings():
         return {key: 1e6 * value(result) for key, (_, value) in comparison.COLUMNS.items()}
 
     names = {"contacts": "planes", "distance_errors": "distances", "point_lengths": "points"}
-    called = {
-        f"{of}.{size}": f"{names[of]}_{size.replace('maximum', 'max')}" for of in sizes for size in sizes[of]
-    }
+    short = {size: size.replace("maximum", "max") for of in sizes for size in sizes[of]}
+    called = {f"{of}.{size}": f"{names[of]}_{short[size]}" for of in sizes for size in sizes[of]}
     given = {"validation": sizes, "distance_sd": 17e-6}
     check_written(record, given, but="", called=called, units={"": lambda x: 1e6 * x})
 
 
 def test_the_roles_of_a_log_are_counted():
     kinds = {"kind": "", "duration_s": 12.0}
-    motions = [
-        {"id": f"m{k}", "role": role, "same_as": same, "payload_kg": load, **kinds}
-        for k, (role, same, load) in enumerate(
-            [
-                ("calibrate", "m0", 0.0),
-                ("calibrate", "m0", 0.0),
-                ("calibrate", "m2", 1.5),
-                ("validate", "m3", 0.0),
-            ]
-        )
-    ]
+    kept = [("calibrate", "m0", 0.0)] * 2 + [("calibrate", "m2", 1.5), ("validate", "m3", 0.0)]
+    keys = ("role", "same_as", "payload_kg")
+    motions = [{"id": f"m{k}", **dict(zip(keys, row, strict=True)), **kinds} for k, row in enumerate(kept)]
     record = {
         "torque": {"kind": "motor", "signed": True}, "columns": ["q"], "motions": motions, "rows": 1234,
         "stamps": {"jitter": 0.013, "step_ms": 2.5, "longest_ms": 7.5}, "temperature_range_K": 3.5,
@@ -150,14 +139,10 @@ def test_the_band_of_residuals_is_twice_the_expected_one(monkeypatch):
 
 
 def test_an_arm_of_a_fleet_has_the_uncertainty_of_its_last_session():
-    sizes = (
-        {"expanded_U_um": 50.0, "measured_rms_um": 20.0},
-        {"expanded_U_um": 40.0, "measured_rms_um": 10.0},
-    )
-    sessions = [
-        {"session": f"s{k}", "arm": "a", "robot": "ur5e", "fit": of, "effects": []}
-        for k, of in enumerate(sizes)
-    ]
+    values = ((50.0, 20.0), (40.0, 10.0))
+    sizes = [{"expanded_U_um": expanded, "measured_rms_um": rms} for expanded, rms in values]
+    about = {"arm": "a", "robot": "ur5e", "effects": []}
+    sessions = [{"session": f"s{k}", "fit": of, **about} for k, of in enumerate(sizes)]
     model = SimpleNamespace(arms=("a",), robot="ur5e", unlike=(), changed=(), gains={"a": 3.0})
     (arm,) = fleet._arms(sessions, (model,))
     assert {key: arm[key] for key in sizes[1]} == sizes[1]

@@ -1,7 +1,5 @@
 """Pages as text: every verdict, figures equal to the records, names from files cannot inject."""
 
-from __future__ import annotations
-
 import base64
 import copy
 import html
@@ -117,9 +115,8 @@ def test_every_verdict_has_a_page(found, kind):
     if unmodelled:  # its row of the table of effects states the location, as the first screen does
         place = next(w for w in record["where"] if not w["explained_by"])
         size = f"{length(place['rms_um'])} µm RMS"
-        assert re.search(
-            rf"unmodelled effect (<|>|0)[ .\d]+ {re.escape(size)} {re.escape(place['text'])} ", text
-        )
+        row = rf"{re.escape(size)} {re.escape(place['text'])} "
+        assert re.search(rf"unmodelled effect (<|>|0)[ .\d]+ {row}", text)
     if "named" in kind:
         assert "Adjust the belt tension" in text
         assert "bayescal fit runs/x/dataset --model" in text
@@ -127,8 +124,7 @@ def test_every_verdict_has_a_page(found, kind):
 
 def test_the_page_states_what_an_unmodelled_error_does_and_the_members_of_a_class(found):
     record = record_of(found, "unknown")
-    place = next(w for w in record["where"] if not w["explained_by"])
-    place["words"] = "the tool shifted at row 12 by 40 µm"
+    next(w for w in record["where"] if not w["explained_by"])["words"] = "the tool shifted at row 12 by 40 µm"
     assert "what happens the tool shifted at row 12 by 40 µm" in words(run_page(Run("gap", record, "x")))
     record = record_of(found, "class")
     record["class"]["members"] = {"backlash": 0.6, "hysteresis": 0.2, OTHER: 0.2}
@@ -142,8 +138,7 @@ def test_the_page_states_what_an_unmodelled_error_does_and_the_members_of_a_clas
 def test_the_format_that_is_advised_holds_the_model(saved, model, to):
     record = json.loads((saved[0] / "fit.json").read_text()) | {"model": model}
     record["use"] |= {"next": "use"}
-    text = words(run_page(Run("fit", record, "x")))
-    assert re.findall(r"bayescal export x --to (\S+)", text) == [to]
+    assert re.findall(r"bayescal export x --to (\S+)", words(run_page(Run("fit", record, "x")))) == [to]
 
 
 def test_a_camera_session_is_exported_as_a_hand_eye_too(saved):
@@ -257,9 +252,8 @@ def test_the_error_of_contacts_is_that_of_all_contacts_whatever_their_face(saved
     face = record["validation"]["planes"][0]
     sizes = {"nominal_rms_um": np.array([900.0, 100.0]), "calibrated_rms_um": np.array([30.0, 2.0])}
     count = np.array([4, 36])
-    faces = [
-        face | {"count": int(n)} | {key: float(x[k]) for key, x in sizes.items()} for k, n in enumerate(count)
-    ]
+    of_face = [{key: float(x[k]) for key, x in sizes.items()} for k in range(len(count))]
+    faces = [face | {"count": int(n)} | own for n, own in zip(count, of_face, strict=True)]
     before, after = (length(np.sqrt(np.mean(np.repeat(x, count) ** 2))) for x in sizes.values())
     record["validation"]["planes"] = faces
     text = words(run_page(Run("fit", record, "x")))
@@ -312,11 +306,8 @@ def test_runs_without_certified_centres_are_compared_too(found):
         "over": "readings of the instrument", "count": 720, "predicted_rms_um": 22.2, "expanded_U_um": 44.4,
         "measured_rms_um": 20.1, "lengths_mm": [268, 1334],
     }  # fmt: skip
-    record = {
-        "predicted_distance": expected,
-        "validation": {"distances": []},
-        "ladder": [{"model": ["geometry"], "points_rms_um": 26.5}],
-    }
+    record = {"predicted_distance": expected, "validation": {"distances": []}}
+    record["ladder"] = [{"model": ["geometry"], "points_rms_um": 26.5}]
     diagnosis = record_of(found, "named")
     diagnosis["lengths"] |= {"of": "validation points"}
     diagnosis["ladder"] = [{"model": ["geometry"], "heldout_rms_um": 15.3, "point_length_rms_um": 26.6}]
@@ -463,13 +454,10 @@ def test_runs_side_by_side(runs, tmp_path):
     assert "not independent" not in text
 
 
-@pytest.mark.parametrize(
-    ("part", "value", "beside", "said", "unsaid"),
-    [
-        (("dataset", "sha256"), "0" * 64, "", "not independent", "different robots"),
-        (("arm", "robot"), "another", "run2", "different robots: not compared", "difference / u"),
-    ],
-)
+@pytest.mark.parametrize(("part", "value", "beside", "said", "unsaid"), [
+    (("dataset", "sha256"), "0" * 64, "", "not independent", "different robots"),
+    (("arm", "robot"), "another", "run2", "different robots: not compared", "difference / u"),
+])  # fmt: skip
 def test_runs_that_must_not_be_compared(runs, tmp_path, part, value, beside, said, unsaid):
     """Of the same dataset, whose differences have another u; of other robots."""
     record = json.loads((runs / "run1" / "fit.json").read_text())
@@ -514,13 +502,9 @@ def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):
 
 def test_effects_of_several_runs_are_in_the_order_of_their_largest_probability():
     """Whichever run has it; those that no run holds for possible are left out."""
-    runs = [
-        Run("gap", {"probability": p, "amplitudes": []}, folder)
-        for folder, p in (
-            ("x", {"backlash": 0.9, "lobing": 0.3, "payload": 0.001}),
-            ("y", {"backlash": 0.1, "lobing": None, "bending": 0.5, "payload": 0.002}),
-        )
-    ]
+    first = {"backlash": 0.9, "lobing": 0.3, "payload": 0.001}
+    both = (("x", first), ("y", {"backlash": 0.1, "lobing": None, "bending": 0.5, "payload": 0.002}))
+    runs = [Run("gap", {"probability": p, "amplitudes": []}, name) for name, p in both]
     text = str(build.effects(runs))
     places = [text.index(name) for name in ("backlash", "bending", "lobing")]
     assert places == sorted(places)

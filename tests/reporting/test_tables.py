@@ -1,7 +1,5 @@
 """Tables of the terminal: at any width every figure is there in full."""
 
-from __future__ import annotations
-
 import json
 import re
 from types import SimpleNamespace
@@ -69,17 +67,14 @@ def test_a_table_that_fits_has_one_block_and_no_blank_line():
     assert lines[-1].strip() == "a caption"
 
 
-@pytest.mark.parametrize(
-    ("value", "u", "text"),
-    [
-        (0.02441, 0.00098, "0.02441(98)"),
-        (0.02441, 0.000996, "0.0244(10)"),
-        (300.0551, 0.0081, "300.0551(81)"),
-        (12.34, 1.44, "12.3(1.4)"),
-        (5317.0, 238.0, "5320(240)"),
-        (-0.5, 0.0, "-0.5"),
-    ],
-)
+@pytest.mark.parametrize(("value", "u", "text"), [
+    (0.02441, 0.00098, "0.02441(98)"),
+    (0.02441, 0.000996, "0.0244(10)"),
+    (300.0551, 0.0081, "300.0551(81)"),
+    (12.34, 1.44, "12.3(1.4)"),
+    (5317.0, 238.0, "5320(240)"),
+    (-0.5, 0.0, "-0.5"),
+])  # fmt: skip
 def test_two_digits_of_the_uncertainty(value, u, text):
     assert with_u(value, u) == text
 
@@ -107,10 +102,7 @@ def test_the_coordinates_of_points_are_those_of_the_fitted_rows(fitted, count, m
 
 def test_only_significant_curves_and_an_event_once():
     def drawn(*cells):
-        curves = [
-            {"site": site, "driver": driver, "x": [0.0] * points, "event": driver == "moment"}
-            for site, driver, _, points in cells
-        ]
+        curves = [{"site": s, "driver": d, "x": [0.0] * n, "event": d == "moment"} for s, d, _, n in cells]
         where = [{"site": s, "driver": d, "family_p_value": p} for s, d, p, _ in cells]
         return [c["site"] for c in drawn_curves({"curves": curves, "where": where})]
 
@@ -121,18 +113,14 @@ def test_only_significant_curves_and_an_event_once():
     assert drawn(chance) == []
 
 
-@pytest.mark.parametrize(
-    ("rms", "unknown", "words"),
-    [
-        (5e-6, 0.2, "explains these data"),
-        (9e-6, 0.2, "validation points are larger"),
-        (5e-6, 0.7, "noise only has probability 0.25"),
-    ],
-)
+@pytest.mark.parametrize(("rms", "unknown", "words"), [
+    (5e-6, 0.2, "explains these data"),
+    (9e-6, 0.2, "validation points are larger"),
+    (5e-6, 0.7, "noise only has probability 0.25"),
+])  # fmt: skip
 def test_the_headline_is_that_of_the_table(rms, unknown, words):
-    measured = SimpleNamespace(
-        what=VALIDATION_POINTS, rms=rms, predicted_rms=5e-6, predicted_interval95=(3e-6, 7e-6)
-    )
+    sizes = {"rms": rms, "predicted_rms": 5e-6, "predicted_interval95": (3e-6, 7e-6)}
+    measured = SimpleNamespace(what=VALIDATION_POINTS, **sizes)
     gap = SimpleNamespace(
         verdict=Verdict("null", (), {"null": 0.25, "unknown": unknown}, (), (), (), {}, ()),
         where=(),
@@ -190,16 +178,13 @@ def test_signs_of_motion():
 # --- Numbers as text.
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "words"),
-    [
-        (99.6e-6, "m", "100 µm"),
-        (99.4e-6, "m", "99 µm"),
-        (0.0123e-6, "m", "0.012 µm"),
-        (4567e-6, "m", "4600 µm"),
-        (np.inf, "m", "-"),
-    ],
-)
+@pytest.mark.parametrize(("value", "unit", "words"), [
+    (99.6e-6, "m", "100 µm"),
+    (99.4e-6, "m", "99 µm"),
+    (0.0123e-6, "m", "0.012 µm"),
+    (4567e-6, "m", "4600 µm"),
+    (np.inf, "m", "-"),
+])  # fmt: skip
 def test_size(value: float, unit: str, words: str) -> None:
     """Two significant digits, without an exponent where that is readable."""
     assert size(value, unit) == words
@@ -232,8 +217,7 @@ def test_the_unit_of_a_key_is_that_of_its_value():
 def test_a_face_named_as_a_joint_has_no_joint():
     """Labels of the draws are of sites, not of their names."""
     sites = (joint(2), link(1), face("joint 2"))
-    robot = SimpleNamespace(joint_names=("a", "b"))
-    scene = SimpleNamespace(dataset=SimpleNamespace(robot=robot))
+    scene = SimpleNamespace(dataset=SimpleNamespace(robot=SimpleNamespace(joint_names=("a", "b"))))
     parameters = [SimpleNamespace(site=site, effect="e") for site in sites]
     labels = _labels(SimpleNamespace(scene=scene, parameters=parameters, size=4))
     assert labels["joint"] == ("parameter", ["b", "a", "", ""])
@@ -254,17 +238,14 @@ def test_what_further_contacts_give_is_the_ratio_of_the_two_u_that_are_said():
 
 def test_the_arm_waits_for_what_is_changed_after_the_beginning():
     measurements, targets = SimpleNamespace(target=np.zeros(1, int)), [SimpleNamespace(kind="plane")]
-    session, clearance = (
-        SimpleNamespace(measurements=measurements, targets=targets),
-        np.array([0.05, np.nan, 0.02]),
-    )
+    session = SimpleNamespace(measurements=measurements, targets=targets)
+    clearance = np.array([0.05, np.nan, 0.02])
     for changes, said in (
         (("mount ball", "", ""), ""),
         (("mount ball", "", "attach 2 kg", "mount b"), "twice"),
     ):
-        plan = SimpleNamespace(
-            session=session, clearance=clearance, changes=changes, travel=100.0, order="sweeps"
-        )
+        about = {"changes": changes, "travel": 100.0, "order": "sweeps"}
+        plan = SimpleNamespace(session=session, clearance=clearance, **about)
         assert (f"waits {said} for a change" in travel(plan)) if said else ("waits" not in travel(plan))
         assert "clearance 20.0 mm or more" in travel(plan)
 
@@ -333,22 +314,18 @@ def test_the_largest_residuals_are_those_of_either_sign_and_unknown_ones_are_las
     residuals = [4.0, None, -30.0, 10.0, -0.5]
     rows = {"id": list("abcde"), "residual_um": residuals, "rejected": [False] * 5, "time_s": None}
     rows |= {key: [""] * 5 for key in ("target", "role", "direction")}
-    sheet = _largest(SimpleNamespace(rows=rows, refitted=False))
-    assert [row[0] for row in sheet.rows] == list("cdaeb")
+    assert [row[0] for row in _largest(SimpleNamespace(rows=rows, refitted=False)).rows] == list("cdaeb")
 
 
 def test_errors_of_a_replay_are_below_their_arm_and_unit():
     rng = np.random.default_rng(0)
-    arms = {
-        name: SimpleNamespace(rms=rng.uniform(size=2), torque=rng.uniform(size=2))
-        for name in ("nominal", "model", "effects")
-    }
+    names = ("nominal", "model", "effects")
+    arms = {name: SimpleNamespace(rms=rng.uniform(size=2), torque=rng.uniform(size=2)) for name in names}
     found = frame(replay_sheet(("a", "b"), arms), "open-loop replay of the commands (RMS)")
     words = {"nominal": "nominal", "model": "fitted", "effects": "with the effects"}
     for name, of in arms.items():
-        assert found[f"{words[name]}, deg"].astype(float).tolist() == pytest.approx(
-            np.degrees(of.rms), rel=6e-3
-        )
+        degrees = found[f"{words[name]}, deg"].astype(float).tolist()
+        assert degrees == pytest.approx(np.degrees(of.rms), rel=6e-3)
         assert found[f"{words[name]}, N m"].astype(float).tolist() == pytest.approx(of.torque, rel=6e-2)
 
 
@@ -377,11 +354,8 @@ def test_of_an_effect_the_most_harmful_place_is_told():
         sizes = {"smallest_nameable": {"value": value, "unit": "urad"}, "plausible": {"value": 30.0}}
         return {"effect": effect, "site": site, **sizes}
 
-    spots = [
-        spot("backlash", "joint 2", 50.0),
-        spot("lobing", "probe", 1e9),
-        spot("backlash", "joint 5", 9.0),
-    ]
+    given = (("backlash", "joint 2", 50.0), ("lobing", "probe", 1e9), ("backlash", "joint 5", 9.0))
+    spots = [spot(*values) for values in given]
     assert _detectable({"blind_spots": spots}) == {
         "backlash": "50 µrad, joint 2", "lobing": "not detectable, the probe"
     }  # fmt: skip
@@ -389,8 +363,7 @@ def test_of_an_effect_the_most_harmful_place_is_told():
 
 def test_the_distances_in_the_terminal_have_the_largest_errors_of_either_sign():
     every = [{"number": k, "calibrated_error_um": (-1) ** k * (k + 1.0)} for k in range(MOST_DISTANCES + 6)]
-    shown = [d["number"] for d in distance_table(every, False).items]
-    assert shown == list(range(6, MOST_DISTANCES + 6))
+    assert [d["number"] for d in distance_table(every, False).items] == list(range(6, MOST_DISTANCES + 6))
     assert list(distance_table(every, True).items) == every
 
 

@@ -144,11 +144,9 @@ def test_weights(name):
     weights = {"masses": masses, "centres_of_mass": centres * 1e-3}
     other = Robot(name, "dh", robot.joint_names, *rows, np.zeros(6), robot.limits, np.eye(6), **weights)
     q, gravity = np.random.default_rng(3).uniform(-3, 3, (20, 6)), np.array([0.3, 0.2, -9.8])
-    torque = [
-        gravity_loads(r, chain_of(r), q, gravity, np.zeros(20), np.zeros((20, 3))).moments[:, 1:, 2]
-        for r in (robot, other)
-    ]
-    np.testing.assert_allclose(*torque, atol=0.01)
+    nothing = np.zeros(20), np.zeros((20, 3))
+    loads = (gravity_loads(r, chain_of(r), q, gravity, *nothing) for r in (robot, other))
+    np.testing.assert_allclose(*[load.moments[:, 1:, 2] for load in loads], atol=0.01)
 
 
 def test_masses_of_the_panda():

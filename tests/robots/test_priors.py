@@ -11,11 +11,8 @@ from bayescal.errors import BayescalError
 from bayescal.model.options import FitOptions
 from bayescal.robots import load_robot, robot_to_yaml
 
-PRIORS = (
-    Prior("theta2", "rad", -1e-3, 4e-4),
-    Prior("a2", "m", 2e-4, 1e-4),
-    Prior("compliance J3", "rad/(N m)", 2.5e-4, 5e-5),
-)
+PRIORS = (Prior("theta2", "rad", -1e-3, 4e-4), Prior("a2", "m", 2e-4, 1e-4))
+PRIORS += (Prior("compliance J3", "rad/(N m)", 2.5e-4, 5e-5),)
 
 
 def with_priors(*priors: Prior):
@@ -35,8 +32,7 @@ def test_round_trip(tmp_path):
 def test_they_replace_the_usual_ones():
     model = ("geometry", "compliance")
     plain = {p.name: p for p in parameters_of(model, with_priors())}
-    found = {p.name: p for p in parameters_of(model, with_priors(*PRIORS))}
-    for name, p in found.items():
+    for name, p in {p.name: p for p in parameters_of(model, with_priors(*PRIORS))}.items():
         stated = next((s for s in PRIORS if s.name == name), None)
         if stated is None:
             assert p.same(plain[name])

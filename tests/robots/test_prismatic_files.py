@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from cases import refused
+from cases import cases, file_text, refused
 from urdf_texts import joint, link, robot
 
 from bayescal.arm.chain import chain_of, frames, link_angles
@@ -11,21 +11,7 @@ from bayescal.errors import BayescalError
 from bayescal.logs.types import mechanism_of
 from bayescal.robots import load_robot, only_revolute, robot_to_yaml
 
-SCARA = """schema: bayescal-robot/1
-name: scara
-convention: mdh
-joints:
-  - {name: J1, alpha_deg: 0, a_mm: 0, d_mm: 200, offset_deg: 0, limits_deg: [-120, 120]}
-  - {name: J2, alpha_deg: 0, a_mm: 250, d_mm: 0, offset_deg: 0, limits_deg: [-140, 140]}
-  - {name: Z, type: prismatic, alpha_deg: 180, a_mm: 250, d_mm: 30, offset_deg: 90, limits_mm: [0, 150],
-     max_velocity_mmps: 1000, max_force_n: 200, compliance_um_per_n: 0.2}
-  - {name: J4, alpha_deg: 0, a_mm: 0, d_mm: 0, offset_deg: 0, limits_deg: [-360, 360], max_torque_nm: 5}
-link_from_reading:
-  - [1, 0, 0, 0]
-  - [0, 1, 0, 0]
-  - [0, 0, 1, 0.05]
-  - [0, 0, 0, 1]
-"""
+SCARA = file_text("scara.yaml")
 
 
 def read(tmp_path, text, name="arm.yaml"):
@@ -55,18 +41,7 @@ def test_units_of_a_robot_file(tmp_path):
     np.testing.assert_allclose(again.link_from_reading, found.link_from_reading, atol=1e-15)
 
 
-REFUSED = (
-    ("limits_mm: [0, 150]", "limits_deg: [0, 150]", "missing `limits_mm` of Z"),
-    ("limits_mm: [0, 150]", "limits_mm: [150, 0]", "limits of Z are not in order"),
-    ("[-120, 120]", "[-120, 120], limits_mm: [0, 1]", "`limits_mm` of J1, which is revolute"),
-    ("max_force_n: 200", "max_torque_nm: 200", "`max_torque_nm` of Z, which is prismatic"),
-    ("max_force_n: 200", "coulomb_nm: 1", "`coulomb_nm` of Z, which is prismatic"),
-    ("type: prismatic", "type: screw", "prismatic"),
-    ("type: prismatic", "type: prismatic, continuous: true", "Z slides: it does not turn"),
-)
-
-
-@pytest.mark.parametrize(("old", "new", "words"), REFUSED)
+@pytest.mark.parametrize(("old", "new", "words"), cases("prismatic_refusals"))
 def test_refusals(tmp_path, old, new, words):
     assert old in SCARA
     refused(words, lambda: read(tmp_path, SCARA.replace(old, new, 1)))

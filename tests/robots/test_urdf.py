@@ -135,10 +135,8 @@ SPOILT = [
     (PLAIN.replace('"continuous"', '"floating"'), "joint `lift` is floating"),
     (FOLLOWS.replace('"fixed"', '"revolute"'), "joint `mount` follows another joint"),
     (PLAIN.replace('"continuous"', '"hinge"'), "joint `lift` has the type `hinge`; known: revolute"),
-    (
-        PLAIN.replace('parent link="arm"/>', 'parent link="arm"/><axis xyz="1 0 0"/>'),
-        "lift has several <axis>",
-    ),
+    (PLAIN.replace('parent link="arm"/>', 'parent link="arm"/><axis xyz="1 0 0"/>'),
+     "lift has several <axis>"),
     (PLAIN.replace(' effort="1"', "", 1), "joint.*turn.*effort"),
     (PLAIN.replace('lower="-2"', 'lower="-170"', 1), "limits of joint `turn` are too wide"),
     (PLAIN.replace('lower="-2"', 'lower="5"', 1), "joint `turn` has no limits in order"),
@@ -156,7 +154,7 @@ SPOILT = [
         r"they end at left, right, tool0; name the link that carries the tool, as in arm.urdf#hand",
     ),
     (robot(link("base")), "no joint moves between `base` and `base`"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "told"), SPOILT)
@@ -240,18 +238,15 @@ def test_an_endless_expression_is_stopped(tmp_path, monkeypatch):
         xacro_read(tmp_path, ARM.replace("$(arg reach)", "${10**10**9}"), allow_xacro=True)
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        (ARM.replace("part.xacro", "http://127.0.0.1/part.xacro"), "cannot expand it: .*No such file"),
-        (ARM.replace("part.xacro", "$(find somewhere)/part.xacro"), "cannot expand it: .*ROS is installed"),
-        (ARM.replace("part.xacro", "nowhere.xacro"), "No such file"),
-        (ARM.replace("part.xacro", "bomb.xacro"), "DTDForbidden"),
-        (BOMB, "DTDForbidden"),
-        (ARM.replace(' default="0.3"', ""), "missing attribute 'default'"),
-        (ARM.replace("$(arg reach)", "${1 / 0}"), "division by zero"),
-    ],
-)
+@pytest.mark.parametrize(("text", "told"), [
+    (ARM.replace("part.xacro", "http://127.0.0.1/part.xacro"), "cannot expand it: .*No such file"),
+    (ARM.replace("part.xacro", "$(find somewhere)/part.xacro"), "cannot expand it: .*ROS is installed"),
+    (ARM.replace("part.xacro", "nowhere.xacro"), "No such file"),
+    (ARM.replace("part.xacro", "bomb.xacro"), "DTDForbidden"),
+    (BOMB, "DTDForbidden"),
+    (ARM.replace(' default="0.3"', ""), "missing attribute 'default'"),
+    (ARM.replace("$(arg reach)", "${1 / 0}"), "division by zero"),
+])  # fmt: skip
 def test_xacro_refusals(tmp_path, text, told):
     (tmp_path / "bomb.xacro").write_text(BOMB)
     refused(told, lambda: xacro_read(tmp_path, text, allow_xacro=True))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import refused, robot_file
+from cases import cases, refused, robot_file
 from rails import rail_session
 from sessions import LITTLE, little
 from typer.testing import CliRunner
@@ -37,9 +37,8 @@ def test_counts_and_repeats():
     assert Counter(m.role) == {"calibrate": 60, "validate": 30 + 12}
     assert Counter(Counter(m.repeat[m.repeat != ""]).values()) == {4: 3}
     assert [t.name for t in s.dataset.targets][:4] == ["cube.+y", "cube.-y", "cube.-x", "cube.+z"]
-    assert Counter(m.target[m.role == "validate"]) == dict.fromkeys(range(4), 3) | dict.fromkeys(
-        range(4, 7), 10
-    )
+    expected = dict.fromkeys(range(4), 3) | dict.fromkeys(range(4, 7), 10)
+    assert Counter(m.target[m.role == "validate"]) == expected
     assert len(set(m.ids)) == len(m.ids)
     # repeats come one after the other and scatter by the noise
     for group in set(m.repeat) - {""}:
@@ -100,8 +99,7 @@ def test_poses_and_directions_vary():
         lean = np.degrees(np.arccos(-flange[at] @ target.values["normal"]))
         assert lean.max() < 63
         assert np.ptp(lean) > 30
-        spread = np.ptp(scene.points[at], axis=0)
-        assert np.all(np.sort(spread)[1:] > 0.15)
+        assert np.all(np.sort(np.ptp(scene.points[at], axis=0))[1:] > 0.15)
 
 
 def test_velocities_close_the_contacts_at_the_probing_speed():
@@ -190,23 +188,7 @@ def test_every_effect_can_be_simulated(case):
     assert np.abs(s.world.distances(s.world.model(s.exact)) - s.shift).max() < 2e-12
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"effects": ("geometri",)}, "--effects: no effect is called `geometri`"),
-        ({"effects": ("compliance",), "robot": "seven"}, "--effects: compliance cannot be judged"),
-        ({"effects": ("gear-mesh",)}, "--effects: gear-mesh cannot be judged: no reductions"),
-        ({"robot": "small"}, "small: four faces of a 50.8 mm cube are out of its reach"),
-        ({"robot": "nobody"}, "no robot is called"),
-        ({"noise": -1e-6}, "--noise-um: "),
-        ({"outliers": 0.7}, "--outliers: "),
-        ({"contacts": 5}, "--contacts: "),
-        ({"repeats": 200}, "--repeats: "),
-        ({"sphere_contacts": 3}, "--sphere-contacts: "),
-        ({"error_scale": 4.1}, "--error-scale: 4.1 times its tolerances is no error of an arm"),
-        ({"error_scale": float("nan")}, "--error-scale: "),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), cases("simulation_refusals"))
 def test_what_cannot_be_is_refused_in_one_line(options, words, tmp_path):
     if options.get("robot") in ("seven", "small"):
         options = {**options, "robot": robot_file(options["robot"])}
@@ -232,8 +214,7 @@ def test_command_replaces_only_what_it_has_written(tmp_path):
     other = tmp_path / "other"
     other.mkdir()
     (other / "notes.txt").write_text("mine")
-    refused = run(app, ["simulate", "--out", str(other), *short])
-    assert isinstance(refused.exception, BayescalError)
+    assert isinstance(run(app, ["simulate", "--out", str(other), *short]).exception, BayescalError)
     assert [p.name for p in other.iterdir()] == ["notes.txt"]
 
 
@@ -282,22 +263,6 @@ def test_arms_of_equal_content_are_equal():
         assert arm != other
 
 
-@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "standard", "seven"])
-def test_jacobian_is_the_slope_of_place_and_turn(name, tmp_path):
-    robot, _ = load_robot(name if name.startswith("fanuc") else robot_file(name))
-    arm = Arm(robot, TOOL)
-    angles = arm.angles_of(arm.anywhere(5, np.random.default_rng(2)))
-    j = arm.jacobian(arm.frames(arm.readings_of(angles)))
-    for k in range(robot.n):
-        step = np.zeros(robot.n)
-        step[k] = 1e-6
-        up, down = (arm.frames(arm.readings_of(angles + s * step)) for s in (1, -1))
-        assert np.allclose((arm.ball(up) - arm.ball(down)) / 2e-6, j[:, :3, k], atol=1e-8)
-        turn = (up - down)[:, -1, :3, 2] / 2e-6
-        axis = arm.frames(arm.readings_of(angles))[:, -1, :3, 2]
-        assert np.allclose(turn, np.cross(j[:, 3:, k], axis), atol=1e-8)
-
-
 def test_cone_is_filled():
     axis = np.tile([0.0, 0.6, 0.8], (4000, 1))
     angle = np.arccos(np.sum(axis * cone(axis, 1.0, np.random.default_rng(0)), axis=1))
@@ -338,8 +303,7 @@ class Ball:
 def test_contacts_that_meet_their_target_are_closed(cube, start):
     d = cube(seed=1, count=60).dataset
     world = Ball(d, np.linspace(0, 0.95, 60), start)
-    closed = touch(world, d, np.zeros(60))
-    assert np.max(np.abs(world.distances(world.model(closed)))) < 1e-12
+    assert np.max(np.abs(world.distances(world.model(touch(world, d, np.zeros(60)))))) < 1e-12
 
 
 def test_a_contact_that_misses_its_target_is_refused_early(cube):

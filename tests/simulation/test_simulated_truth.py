@@ -9,8 +9,7 @@ from sessions import LITTLE, little
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 from bayescal.probing.scene import LARGE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
@@ -77,11 +76,8 @@ def test_contacts_hold_for_any_robot(name, effects, tmp_path):
     assert len(s.dataset.measurements.ids) == 60 + 30 + 12
     assert np.abs(gaps(s, s.exact.measurements.readings) - s.shift).max() < 2e-12
     robot, _ = load_robot(options.robot)
-    angles = (
-        s.dataset.measurements.readings
-        @ robot.link_from_reading.T
-        * np.sign(np.diag(robot.link_from_reading))
-    )
+    signs = np.sign(np.diag(robot.link_from_reading))
+    angles = s.dataset.measurements.readings @ robot.link_from_reading.T * signs
     assert np.all((angles > robot.limits[:, 0]) & (angles < robot.limits[:, 1]))
 
 

@@ -60,19 +60,15 @@ entry.run(lambda: {"sleep": sleep, "lost": lost, "kept": kept, "complete": compl
 """
 
 
-@pytest.mark.parametrize(
-    ("what", "number", "said"),
-    [
-        ("sleep", signal.SIGINT, "nothing was written"),
-        ("sleep", signal.SIGTERM, "nothing was written"),
-        ("lost", signal.SIGINT, "nothing was written"),
-        ("kept", signal.SIGINT, "12 draws are kept"),
-        ("complete", signal.SIGINT, "runs/x is complete"),
-    ],
-)
+@pytest.mark.parametrize(("what", "number", "said"), [
+    ("sleep", signal.SIGINT, "nothing was written"),
+    ("sleep", signal.SIGTERM, "nothing was written"),
+    ("lost", signal.SIGINT, "nothing was written"),
+    ("kept", signal.SIGINT, "12 draws are kept"),
+    ("complete", signal.SIGINT, "runs/x is complete"),
+])  # fmt: skip
 def test_a_stopped_command_says_in_one_line_what_is_kept(what, number, said):
-    process = started("-c", PROGRAM, what)
-    code, err = stopped(process, number)
+    code, err = stopped(started("-c", PROGRAM, what), number)
     assert (code, err) == (128 + number, f"bayescal: stopped; {said}\n")
 
 
@@ -91,8 +87,7 @@ def sleep():
     time.sleep(600)
 entry.run(lambda: sleep)
 """
-    process = started("-c", PROGRAM.partition("entry.run")[0] + slow)
-    code, err = stopped(process, left="written\n")
+    code, err = stopped(started("-c", PROGRAM.partition("entry.run")[0] + slow), left="written\n")
     assert (code, err) == (130, "bayescal: stopped; nothing was written\nhandler\n")
 
 
@@ -109,8 +104,7 @@ sys.meta_path.insert(0, Slow())
 main()
 """
     for module in ("bayescal.cli.entry", "typer"):
-        process = started("-c", program, module)
-        code, err = stopped(process)
+        code, err = stopped(started("-c", program, module))
         assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
 
 

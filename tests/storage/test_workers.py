@@ -51,8 +51,7 @@ def begun(folder) -> dict[int, int]:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_killed_worker_loses_nothing(tmp_path, workers):
-    found = results(tiny_work.work, tiny(tmp_path, task5=1), workers)
-    assert squares(found) == SQUARES
+    assert squares(results(tiny_work.work, tiny(tmp_path, task5=1), workers)) == SQUARES
     assert begun(tmp_path) == dict.fromkeys(range(COUNT), 1) | {5: 2}
 
 

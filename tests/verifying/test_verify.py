@@ -90,15 +90,12 @@ def test_command_writes_a_record_and_fails_for_another_arm(run, tmp_path):
     assert "it carries 1.25 kg beside the tool" in " ".join(CliRunner().invoke(app, arguments).output.split())
 
 
-@pytest.mark.parametrize(
-    ("off", "passed"),
-    [
-        ([0.0] * 99 + [2.9e-6], True),
-        ([0.0] * 99 + [3.1e-6], False),  # one pose is beyond the limit
-        ([1.1e-6] * 100, False),  # none is, and all together are off
-        ([-0.9e-6, 0.9e-6] * 50, True),
-    ],
-)
+@pytest.mark.parametrize(("off", "passed"), [
+    ([0.0] * 99 + [2.9e-6], True),
+    ([0.0] * 99 + [3.1e-6], False),  # one pose is beyond the limit
+    ([1.1e-6] * 100, False),  # none is, and all together are off
+    ([-0.9e-6, 0.9e-6] * 50, True),
+])  # fmt: skip
 def test_a_level_passes_within_both_of_its_limits(off, passed):
     level = Level("geometry", np.abs(off), 3e-6)
     assert level.passed == passed
@@ -118,15 +115,12 @@ def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
     refused(re.escape("pip install 'bayescal[mujoco]'"), lambda: bc.verify(run / "fit", run / "arm.xml"))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("<mujoco><worldbody/></mujoco>", "no actuator and sensor `J1`"),
-        ("<mujoco>", "not XML"),
-        ('<!DOCTYPE x [<!ENTITY a "b">]><mujoco model="&a;"/>', "has a DOCTYPE or entities"),
-        ("<mujoco><worldbody><joint/></worldbody></mujoco>", "MuJoCo refuses the file"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("<mujoco><worldbody/></mujoco>", "no actuator and sensor `J1`"),
+    ("<mujoco>", "not XML"),
+    ('<!DOCTYPE x [<!ENTITY a "b">]><mujoco model="&a;"/>', "has a DOCTYPE or entities"),
+    ("<mujoco><worldbody><joint/></worldbody></mujoco>", "MuJoCo refuses the file"),
+])  # fmt: skip
 def test_other_files_are_refused(run, tmp_path, text, message):
     (tmp_path / "other.xml").write_text(text)
     beside(run, tmp_path / "other.xml")
@@ -170,23 +164,18 @@ def changed(urdf, tmp_path, what, by):
 
 def test_continuous_joints_turn_by_their_angles(run, urdf, tmp_path):
     """Pinocchio states such a joint by a cosine and a sine."""
-    copy = changed(urdf, tmp_path, 'type="revolute"', 'type="continuous"')
-    found = bc.verify(run / "fit", copy)
+    found = bc.verify(run / "fit", changed(urdf, tmp_path, 'type="revolute"', 'type="continuous"'))
     assert found.passed
     assert [name.split()[1] for name in found.record["max_difference_um"]] == ["MuJoCo", "Pinocchio"]
 
 
 @pytest.mark.parametrize("only", ["mujoco", "pinocchio"])
-@pytest.mark.parametrize(
-    ("what", "by", "message"),
-    [
-        ('<joint name="J3"', '<joint name="elbow"', "J3"),
-        ('"flange"', '"wrist"', "flange"),
-        ('<child link="J4_link"', '<child link="J6_link"', "refuses the file"),
-        (r'<\?xml version="1.0"\?>', '<!DOCTYPE x [<!ENTITY a "b">]>', "has a DOCTYPE or entities"),
-    ],
-    ids=["joint", "link", "tree", "doctype"],
-)
+@pytest.mark.parametrize(("what", "by", "message"), [
+    ('<joint name="J3"', '<joint name="elbow"', "J3"),
+    ('"flange"', '"wrist"', "flange"),
+    ('<child link="J4_link"', '<child link="J6_link"', "refuses the file"),
+    (r'<\?xml version="1.0"\?>', '<!DOCTYPE x [<!ENTITY a "b">]>', "has a DOCTYPE or entities"),
+], ids=["joint", "link", "tree", "doctype"])  # fmt: skip
 def test_a_urdf_that_a_simulator_refuses(run, urdf, tmp_path, monkeypatch, only, what, by, message):
     monkeypatch.setitem(sys.modules, {"mujoco": "pinocchio", "pinocchio": "mujoco"}[only], None)
     refusal = refused(message, lambda: bc.verify(run / "fit", changed(urdf, tmp_path, what, by)))
@@ -226,8 +215,7 @@ def test_a_file_that_is_worse_than_the_arm_before_says_so(complete, lacking):
 def test_a_remark_and_the_table_give_points_the_same_errors(lacking):
     """Both are RMS lengths of the error vector, and the record has its coordinates."""
     v = lacking.data
-    sizes = {"points": 1e-4}, {"points": 2e-4}
-    gap = Gap("nominal", {"points": 9}, *sizes, {"points": (1e-4, 1e-4)})
+    gap = Gap("nominal", {"points": 9}, *({"points": 1e-4}, {"points": 2e-4}), {"points": (1e-4, 1e-4)})
     text = " ".join(as_text(report(replace(v, gap=gap))).split())
     assert "points (346 µm, 173 before)" in text
     assert "points 9 173 346 173 173" in text
@@ -260,10 +248,9 @@ def test_an_edited_sidecar_is_refused_in_one_line(run, urdf, tmp_path, edit):
     assert str(refusal).endswith("export the arm again")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("{", "invalid JSON"), ("[]", "incomplete"), ('{"shrinkage": {"planes": {"a": 1}}}', "before_rms_um")],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("{", "invalid JSON"), ("[]", "incomplete"), ('{"shrinkage": {"planes": {"a": 1}}}', "before_rms_um"),
+])  # fmt: skip
 def test_a_broken_record_of_the_run_is_one_line(run, urdf, tmp_path, text, message):
     folder = tmp_path / "run"
     shutil.copytree(run / "fit", folder)

@@ -12,13 +12,10 @@ from sessions import little, with_rows
 
 import bayescal as bc
 from bayescal.calibration import fit, usual_model
-from bayescal.dataset import read_dataset
-from bayescal.dataset.write import write_dataset
+from bayescal.dataset import read_dataset, write_dataset
 from bayescal.errors import BayescalError
-from bayescal.model import ARM
-from bayescal.model.model import with_parameters
+from bayescal.model import ARM, Scene, with_parameters
 from bayescal.model.parts import continued
-from bayescal.model.scene import Scene
 from bayescal.reporting.figures.figures import drawn
 from bayescal.reporting.watch import watch_content
 from bayescal.watching import (
@@ -118,16 +115,14 @@ def test_after_a_change_of_rows_all_are_contacts_again(folder):
     watch, _ = events_of(cell, lines[:43])
     (cell / TABLE).write_text("".join([lines[0], *lines[3:41]]))
     events = list(watch.look())
-    assert (
-        [e.id for e in events] == [c.id for c in watch.contacts] == list(read_dataset(cell).measurements.ids)
-    )
+    ids = list(read_dataset(cell).measurements.ids)
+    assert [e.id for e in events] == [c.id for c in watch.contacts] == ids
     assert (watch.last, watch.estimate, watch.odd) == (None, None, set())
 
 
 def test_a_continued_scene_is_that_of_all_rows():
     whole = little().dataset
-    count = len(whole.measurements.ids)
-    first = Scene(with_rows(whole, np.arange(count - 5)), oriented=True)
+    first = Scene(with_rows(whole, np.arange(len(whole.measurements.ids) - 5)), oriented=True)
     quantities = ("tools", "q", "points", "flange", "_approach", "_speed", "moments")
     for name in quantities:
         getattr(first, name)
@@ -165,11 +160,8 @@ def test_the_estimate_is_that_of_the_complete_solver():
         estimate = update.followed(estimate, rows(count), MODEL, before().options, ())
     reference = fit(rows(57), MODEL, before().options, samples=0).final.estimate
     assert reference.model.names == estimate.model.names
-    apart = (
-        np.abs(estimate.z - reference.z)[estimate.model.slices[ARM]]
-        / reference.sd[estimate.model.slices[ARM]]
-    )
-    assert np.max(apart) < 0.02
+    arm = estimate.model.slices[ARM]
+    assert np.max(np.abs(estimate.z - reference.z)[arm] / reference.sd[arm]) < 0.02
     np.testing.assert_allclose(estimate.sd, reference.sd, rtol=0.01)
 
 
@@ -237,10 +229,8 @@ def test_a_parameter_that_further_rows_bring_is_added():
     estimate = update.begun(before().final.estimate, MODEL, before().options)
     model = estimate.model
     less = with_parameters(model.scene, model.effects, model.parameters[:-1])
-    start = np.delete(estimate.z, len(model.parameters) - 1)
-    found = update.refined(less, start, (), estimate)
-    later = update.followed(found, rows(51), MODEL, before().options, ())
-    assert later.model.names == model.names
+    found = update.refined(less, np.delete(estimate.z, len(model.parameters) - 1), (), estimate)
+    assert update.followed(found, rows(51), MODEL, before().options, ()).model.names == model.names
 
 
 def test_a_shift_is_told_once(folder):
@@ -297,14 +287,12 @@ def test_the_result_is_a_run_folder_of_fit(folder, tmp_path):
     assert result.fit.data.final.effects == MODEL
     robot = replace(result.fit.data.dataset.robot, masses=None)
     assert usual_model(replace(result.fit.data.dataset, robot=robot)) == ("geometry",)
-    names = result.save(tmp_path / "run", pictures=False)
-    assert {"fit.json", "watch.json", "watch.csv"} <= {*names}
+    assert {"fit.json", "watch.json", "watch.csv"} <= {*result.save(tmp_path / "run", pictures=False)}
     record = json.loads((tmp_path / "run" / "watch.json").read_text())
     assert [c["id"] for c in record["contacts"]] == [line.split(",")[0] for line in lines[1:]]
     fitted = bc.fit(cell, samples=0)
     assert record["fits"][-1]["U_um"] == pytest.approx(1e6 * fitted.data.forecast.workspace.expanded)
-    loaded = bc.load(tmp_path / "run")
-    assert loaded.parameters["estimate"].equals(result.fit.parameters["estimate"])
+    assert bc.load(tmp_path / "run").parameters["estimate"].equals(result.fit.parameters["estimate"])
     judged = sum(c["p_value"] is not None for c in record["contacts"])
     assert f"{len(lines) - 1} rows watched, {judged} of them judged by the others" in str(result)
     fitted.save(tmp_path / "fitted", pictures=False)
@@ -339,8 +327,7 @@ def test_a_table_that_leads_elsewhere_is_not_read(folder, tmp_path):
 def test_settings_that_are_changed_are_read_again(folder):
     cell, lines = folder
     watch, _ = events_of(cell, lines[:43])
-    text = (cell / "dataset.yaml").read_text()
-    (cell / "dataset.yaml").write_text(text.replace("name: ", "name: other-"))
+    (cell / "dataset.yaml").write_text((cell / "dataset.yaml").read_text().replace("name: ", "name: other-"))
     assert len(list(watch.look())) == 42
     assert watch.last is None
     assert watch.written.dataset.name.startswith("other-")

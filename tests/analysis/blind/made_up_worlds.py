@@ -34,9 +34,7 @@ def answer(
     planes=None, points=None, seconds=2.0, baseline=("geometry", "compliance"), measured=(),
 ):  # fmt: skip
     """What a diagnosis would say; sure of its names unless told otherwise."""
-    p = {"null": float(verdict == "null"), "unknown": float(verdict == "unknown")} | (
-        p or dict.fromkeys(named, 1.0)
-    )
+    p = {of: float(verdict == of) for of in ("null", "unknown")} | (p or dict.fromkeys(named, 1.0))
     if sets is None:
         sets = [(tuple(named), 1.0)]
     return {
@@ -101,9 +99,8 @@ def strange(name="tooth", strength=(150.0,), **more):
 
 def silent(verdict="null", **more):
     """An answer without a name."""
-    return answer(
-        verdict=verdict, named=(), sets=[((), 1.0)] if verdict == "null" else [(("unknown",), 1.0)], **more
-    )
+    names = () if verdict == "null" else ("unknown",)
+    return answer(verdict=verdict, named=(), sets=[(names, 1.0)], **more)
 
 
 def perfect():

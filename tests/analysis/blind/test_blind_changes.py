@@ -86,11 +86,8 @@ def test_a_pair_has_two_datasets_and_a_change_of_the_drawn_size(monkeypatch):
         return "found"
 
     monkeypatch.setattr(bayescal.changes, "changed", compared)
-    monkeypatch.setattr(
-        bayescal.reporting.changed, "changed_record", lambda found: {"verdict": found, "rows": [1]}
-    )
-    found = answered(Task("000", texts))
-    assert found["gap"] == {"verdict": "found"}
+    monkeypatch.setattr("bayescal.reporting.changed.changed_record", lambda of: {"verdict": of, "rows": [1]})
+    assert answered(Task("000", texts))["gap"] == {"verdict": "found"}
     assert min(seen["rows"]) > 150
 
 

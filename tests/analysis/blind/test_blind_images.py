@@ -14,8 +14,7 @@ from analysis.blind.folder import DATASET
 from analysis.blind.make import IMAGES, Drawn, built, make
 from analysis.blind.run import Task, answered
 from bayescal.estimate import estimate
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 
 
 def truth(number, side, effects, size):

@@ -95,17 +95,15 @@ def test_answers_are_given_and_their_seal_is_told(ran):
         answer = json.loads((folder / f"answers/{name}.json").read_text())
         assert answer["gap"]["verdict"]
         assert not {"curves", "residuals"} & set(answer["gap"])
-        assert answer["gap"]["baseline"] == (
-            folder / f"worlds/{name}/baseline.txt"
-        ).read_text().strip().split(",")
+        stated = (folder / f"worlds/{name}/baseline.txt").read_text()
+        assert answer["gap"]["baseline"] == stated.strip().split(",")
         assert answer["seconds"] > 0
 
 
 def test_the_truth_is_not_opened_and_workers_open_nothing(ran):
     folder, _, log = ran
     opened = [line.split(maxsplit=1) for line in log]
-    processes = {process for process, _ in opened}
-    assert len(processes) == 1, "workers get texts, and no place"
+    assert len({process for process, _ in opened}) == 1, "workers get texts, and no place"
     paths = {Path(path).relative_to(folder).as_posix() for _, path in opened}
     assert "worlds/001/measurements.csv" in paths, "the log sees what is opened"
     assert not any("truth" in path for path in paths)
@@ -149,8 +147,7 @@ def test_the_score_is_of_what_was_sealed(ran, tmp_path):
 
 def test_a_crash_is_an_answer_in_one_line(made, tmp_path):
     own = texts(made[0], "000")
-    broken = own | {"dataset.yaml": own["dataset.yaml"] + "surprise: 1\n"}
-    answer = answered(Task("000", broken))
+    answer = answered(Task("000", own | {"dataset.yaml": own["dataset.yaml"] + "surprise: 1\n"}))
     assert "gap" not in answer
     assert answer["error"].startswith("dataset.yaml:")
     assert "\n" not in answer["error"]
@@ -165,15 +162,12 @@ def test_a_defect_is_an_answer_too(made, monkeypatch):
     assert answered(Task("000", texts(made[0], "000")))["error"] == "IndexError: off by one"
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("score", "{made}"), "its answers are not sealed"),
-        (("score", "{made}", "--out", "{made}"), "bayescal did not write: "),
-        (("make", "--out", "{made}", "--worlds", "3"), "was started with 2 sessions"),
-        (("run", "{made}", "--dask", "tcp://127.0.0.1:9"), "no Dask scheduler there"),
-    ],
-)
+@pytest.mark.parametrize(("words", "told"), [
+    (("score", "{made}"), "its answers are not sealed"),
+    (("score", "{made}", "--out", "{made}"), "bayescal did not write: "),
+    (("make", "--out", "{made}", "--worlds", "3"), "was started with 2 sessions"),
+    (("run", "{made}", "--dask", "tcp://127.0.0.1:9"), "no Dask scheduler there"),
+])  # fmt: skip
 def test_refusals(made, words, told):
     refused(told, lambda: command(*(word.format(made=made[0]) for word in words)))
     assert not (made[0] / "answers").exists()
@@ -192,21 +186,11 @@ def test_who_hands_out_the_work_needs_none_of_it():
 # --- A second round of a blind check: planned without the truth, probed by the simulator, compared by lambda.
 
 ROUNDS_SEED = 101
-PAIR = {
-    "a": [{"model": "bending at link 3", "values": []}],
-    "b": [{"model": "coupling", "values": []}],
-    "common": [],
-}
-GAP = {
-    "schema": "bayescal-gap/1",
-    "verdict": "ambiguous",
-    "baseline": ["geometry", "compliance"],
-    "without": [],
-    "named": [],
-    "probability": {"bending": 0.5, "coupling": 0.4},
-    "noise_scale": {"contact": 1.0},
-    "undecided": [PAIR],
-}
+MODELS = {"a": "bending at link 3", "b": "coupling"}
+PAIR = {"common": []} | {key: [{"model": model, "values": []}] for key, model in MODELS.items()}
+GAP = {"schema": "bayescal-gap/1", "verdict": "ambiguous", "baseline": ["geometry", "compliance"]}
+GAP |= {"named": [], "probability": {"bending": 0.5, "coupling": 0.4}, "noise_scale": {"contact": 1.0}}
+GAP |= {"without": [], "undecided": [PAIR]}
 
 
 def sealed(folder, answers) -> None:
@@ -222,9 +206,8 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("rounds") / "blind"
     make(out, 2, ROUNDS_SEED, generator=1)
     about = {"seconds": 1.0}
-    sealed(
-        out, {"000": about | {"gap": GAP}, "001": about | {"gap": GAP | {"verdict": "null", "undecided": []}}}
-    )
+    null = GAP | {"verdict": "null", "undecided": []}
+    sealed(out, {"000": about | {"gap": GAP}, "001": about | {"gap": null}})
     return out
 
 
@@ -271,8 +254,7 @@ def test_a_round_appends_measured_rows_and_nothing_else(folder, monkeypatch) -> 
         before, after = texts(folder, "000"), texts(folder / ROUND / arm, "000")
         assert after["measurements.csv"].startswith(before.pop("measurements.csv"))
         assert after.items() >= before.items()
-        every = rows(folder / ROUND / arm / "worlds/000/measurements.csv")
-        new[arm] = every[-60:]
+        new[arm] = rows(folder / ROUND / arm / "worlds/000/measurements.csv")[-60:]
         assert {r["role"] for r in new[arm]} == {"calibrate"}
         assert seal.truth_seal(folder / ROUND / arm) == seal.truth_seal(folder)
     load = {arm: sum(float(r["payload_kg"]) > 0 for r in own) for arm, own in new.items()}
@@ -281,9 +263,8 @@ def test_a_round_appends_measured_rows_and_nothing_else(folder, monkeypatch) -> 
 
 
 def test_sessions_of_another_simulator_are_refused(folder) -> None:
-    task = rounds.Continued(
-        "000", {"seed": ROUNDS_SEED + 1, "generator": 1}, {}, texts(folder, "000")["measurements.csv"]
-    )
+    table = texts(folder, "000")["measurements.csv"]
+    task = rounds.Continued("000", {"seed": ROUNDS_SEED + 1, "generator": 1}, {}, table)
     refused("makes another session now", lambda: probed(task))
 
 
@@ -304,15 +285,12 @@ def test_rounds_are_compared_by_the_lambda_of_the_first(tmp_path) -> None:
     for arm, own in (("chosen", right), ("random", {"001": first["001"]})):
         for name, one in own.items():
             write(answer_path(tmp_path / ROUND / arm, name), one)
-        write(
-            tmp_path / ROUND / arm / SEALED, {"answers": {n: seal.of_answer(one) for n, one in own.items()}}
-        )
+        write(tmp_path / ROUND / arm / SEALED, {"answers": {n: seal.of_answer(a) for n, a in own.items()}})
     found = {row["group"]: row["right"] for row in compared.compared(tmp_path, truths, first)}
     weak = found["one effect, lambda 10 to 30"]
     assert [(s["hits"], s["count"]) for s in weak.values()] == [(0, 1), (1, 1), (0, 1)]
     clear = found["ambiguous at first, lambda from 30"]
     assert [(s["hits"], s["count"]) for s in clear.values()] == [(0, 1), (1, 1), (0, 1)]
     assert "1 of 1" in compared.page(compared.compared(tmp_path, truths, first))
-    path = answer_path(tmp_path / ROUND / "chosen", "000")
-    path.write_text(json.dumps(first["000"]))
+    answer_path(tmp_path / ROUND / "chosen", "000").write_text(json.dumps(first["000"]))
     refused("was changed after", lambda: compared.compared(tmp_path, truths, first))

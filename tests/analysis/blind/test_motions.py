@@ -134,8 +134,7 @@ def test_the_score_is_that_of_another_author(tmp_path):
         (tmp_path / "gaps" / name).mkdir(parents=True)
         (tmp_path / "gaps" / name / "gap.json").write_text(json.dumps(answers[name]["gap"]))
     wanted = runpy.run_path(str(SCORE))["score"](tmp_path / "truth", tmp_path / "gaps")
-    records = [motions.record(truth, answers[name]) for name, truth in truths.items()]
-    found = motions.figures(records)
+    found = motions.figures([motions.record(truth, answers[name]) for name, truth in truths.items()])
 
     def rate(share):
         return None if not share["count"] else round(share["hits"] / share["count"], 3)

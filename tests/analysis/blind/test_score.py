@@ -95,13 +95,10 @@ def test_known_answers_have_known_figures():
 
 
 def test_an_effect_that_cannot_be_seen_is_counted_apart():
-    rs = many(
-        (pair(strength=(200.0, 5.0)), answer(named=("step",))),
-        (pair(strength=(200.0, 10.0)), answer(named=("step",))),
-        (pair(strength=(200.0, 10.0)), answer(named=("step", "lobing"))),
-        (null(), answer()),
-    )
-    found = figures(rs)["sure"]
+    named = answer(named=("step",))
+    both = answer(named=("step", "lobing"))
+    weak, strong = (pair(strength=(200.0, size)) for size in (5.0, 10.0))
+    found = figures(many((weak, named), (strong, named), (strong, both), (null(), answer())))["sure"]
     assert [(found[k]["hits"], found[k]["count"]) for k in ("right", "right_seen")] == [(1, 4), (1, 3)]
 
 
@@ -133,9 +130,8 @@ def test_calibrated_probabilities_lie_in_their_bands_and_boasts_do_not():
     assert score["mean"] > score["base"]
     assert boasts["base"] == score["base"]
     entropy = [sum(p * np.log(max(p, 1e-4)) for p in r["probability"].values()) for r in honest]
-    assert score["mean"] == pytest.approx(
-        np.mean(entropy), abs=4 * np.std(entropy) / np.sqrt(len(entropy)) + 0.05
-    )
+    u = np.std(entropy) / np.sqrt(len(entropy))
+    assert score["mean"] == pytest.approx(np.mean(entropy), abs=4 * u + 0.05)
 
 
 @pytest.mark.parametrize("promoted", [False, True])
@@ -146,9 +142,7 @@ def test_stated_probabilities_of_all_that_may_be_true_add_up_to_one(promoted):
     said = answer(verdict="ambiguous", named=(), p=p, sets=sets)
     if promoted:  # compliance was missing from the model: all sets stand beside it
         p = p | {"null": 0.01, "compliance": 0.9}
-        said = answer(
-            named=("compliance",), p=p, sets=[(names, q) for names, q in sets], baseline=("geometry",)
-        )
+        said = answer(named=("compliance",), p=p, sets=[(n, q) for n, q in sets], baseline=("geometry",))
     names = [name for name in p if name not in ("null", "unknown")]
     every = chain.from_iterable(combinations(names, k) for k in range(1, len(names) + 1))
     of = {names: stated(one(truth(effects=names), said)) for names in every}
@@ -175,8 +169,7 @@ def test_one_answer_changed_changes_what_it_should():
         "single", "set", "distances", "planes", "predicted", "reliability", "log_score", "reasons", "misses",
         "named_place", "unnamed_place", "sure", "certain", "worse_beyond_noise",
     }  # fmt: skip
-    rights = [s["hits"] for s in new["single"]["right"]]
-    assert rights == [1, 1, 0, 1, 1, 1]
+    assert [s["hits"] for s in new["single"]["right"]] == [1, 1, 0, 1, 1, 1]
     assert new["distances"]["count"] == old["distances"]["count"] - 1
 
 
@@ -219,16 +212,13 @@ def test_points_of_a_tracker_are_compared_with_those_of_the_true_model():
     assert one(tracked(), answer())["point_um"] is None, "no refit"
 
 
-@pytest.mark.parametrize(
-    ("place", "where", "hit"),
-    [
-        ({"site": "joint 4", "driver": "joint angle"}, at("joint 4", "approach 4"), True),
-        ({"site": "joint 4", "driver": "joint angle"}, at("joint 5", "angle 4"), False),
-        ({"site": "time", "driver": "temperature", "also": ["temperature"]}, at("base", "temperature"), True),
-        ({"site": "probe", "driver": "speed", "also": ["stylus"]}, at("stylus", "direction"), True),
-        ({"site": "link 4", "driver": "bending moment"}, at("arm", "bending moment"), False),
-    ],
-)
+@pytest.mark.parametrize(("place", "where", "hit"), [
+    ({"site": "joint 4", "driver": "joint angle"}, at("joint 4", "approach 4"), True),
+    ({"site": "joint 4", "driver": "joint angle"}, at("joint 5", "angle 4"), False),
+    ({"site": "time", "driver": "temperature", "also": ["temperature"]}, at("base", "temperature"), True),
+    ({"site": "probe", "driver": "speed", "also": ["stylus"]}, at("stylus", "direction"), True),
+    ({"site": "link 4", "driver": "bending moment"}, at("arm", "bending moment"), False),
+])  # fmt: skip
 def test_places_are_met_in_the_words_of_the_truth(place, where, hit):
     true = truth(place=place)
     named = one(true, answer(where=[where | {"explained_by": "step"}]))
@@ -290,9 +280,8 @@ def test_folder_is_whole_and_its_pictures_drawn(case, tmp_path):
     rs = many(*CASES[case])
     found = figures(rs)
     names = write_score(rs, found, ABOUT, tmp_path / "score")
-    assert (
-        {p.name for p in (tmp_path / "score").glob("[!.]*")} == set(names) == {SCORE, files_MISSES, *PICTURES}
-    )
+    there = {p.name for p in (tmp_path / "score").glob("[!.]*")}
+    assert there == set(names) == {SCORE, files_MISSES, *PICTURES}
     for name in PICTURES:
         picture = (tmp_path / "score" / name).read_bytes()
         assert picture.startswith(b"\x89PNG")

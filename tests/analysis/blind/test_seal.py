@@ -41,11 +41,8 @@ def answered(made) -> Path:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(p.relative_to(folder)): p.read_bytes()
-        for p in sorted(folder.rglob("*"))
-        if p.is_file() and p.name != LIST
-    }
+    files = (p for p in sorted(folder.rglob("*")) if p.is_file() and p.name != LIST)
+    return {str(p.relative_to(folder)): p.read_bytes() for p in files}
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -74,17 +71,14 @@ TAMPERED = {
     "no seal of a world": (lambda f: (f / "worlds/001/seal.txt").unlink(), "seal.txt: No such file"),
     "answer": (lambda f: edit(f / "answers/000.json", "named", "null"), "000.json: was changed after"),
     "answer missing": (lambda f: (f / "answers/002.json").unlink(), "002.json: an answer .* is missing"),
-    "answers not sealed": (
-        lambda f: (f / "answers.json").unlink(),
-        "not sealed; run `python -m analysis.blind run",
-    ),
+    "answers not sealed": (lambda f: (f / "answers.json").unlink(),
+                           "not sealed; run `python -m analysis.blind run"),
     "answers to another truth": (
         lambda f: edit(f / "answers.json", '"truth_sha256": "', '"truth_sha256": "0'),
-        "answers a truth of SHA-256 0",
-    ),
+        "answers a truth of SHA-256 0"),
     "dataset": (lambda f: edit(f / "worlds/001/measurements.csv", "world", "w"), "001: was changed since"),
     "model": (lambda f: edit(f / "worlds/002/baseline.txt", "world", "w"), "002: was changed since"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", TAMPERED)

@@ -60,14 +60,11 @@ def test_two_noise_groups_are_recorded(tmp_path):
     assert record["sampler"]["monte_carlo_error"]["largest_over_sd"] > 0
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ("certificate x 25.4", "apart, as the rows on them are; the value was converted once too often"),
-        ("certificate x 1000", "apart, as the rows on them are; the certified value looks like µm"),
-        ("certificate in inches", "apart, as the rows on them are; the certified value looks like inches"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ("certificate x 25.4", "apart, as the rows on them are; the value was converted once too often"),
+    ("certificate x 1000", "apart, as the rows on them are; the certified value looks like µm"),
+    ("certificate in inches", "apart, as the rows on them are; the certified value looks like inches"),
+])  # fmt: skip
 def test_a_fit_names_a_certified_length_that_contradicts_the_places(tmp_path, change, words):
     written(PLAUSIBLE[change](datasets()["cube"]), tmp_path)
     ran = run(["fit", str(tmp_path), *FIT[1:], "--model", "joint", "--out", str(tmp_path / "run")], 60)
@@ -82,9 +79,8 @@ def test_a_smaller_contradiction_is_stated_by_the_fit(tmp_path):
     """15 % of 228.6 mm: the session is fitted, and a fit that does not converge names the certificate."""
     written(PLAUSIBLE["certificate 15 % off"](datasets()["cube"]), tmp_path)
     found = [c for c in contradictions(read_dataset(tmp_path)) if "cube.+y" in c.what]
-    assert [(c.impossible, "certified 262.89 mm, nominally 228.6 mm" in c.what) for c in found] == [
-        (False, True)
-    ]
+    assert [c.impossible for c in found] == [False]
+    assert "certified 262.89 mm, nominally 228.6 mm" in found[0].what
     linear = SimpleNamespace(jacobian=np.eye(2), residual=np.ones(2))
     for covariance, words in (
         (np.eye(2), "1 standard deviations short"),

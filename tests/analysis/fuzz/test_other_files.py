@@ -35,26 +35,22 @@ def chain(count: int) -> str:
     )
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (ROBOT.format("<link>" * 300 + "</link>" * 300), "arm.urdf: more than 200 levels"),
-        (ROBOT.format("<x/>" * 50_001), "arm.urdf: more than 50000 elements"),
-        (ROBOT.format(chain(MOST)), f"has {2 * MOST + 1} links and joints, at most {MOST} are read"),
-        ('<?xml version="1.0" encoding="nowhere"?><robot/>', "arm.urdf:1: not XML"),
-        (ROBOT.format('<joint name="j" type="fixed"><parent link="inf"/><child link="root"/></joint>'),
-         "joint `j` names a link `inf` that is not there"),
-        (ROBOT.format('<joint name="j" type="fixed"><parent link="root"/><axis/></joint>'), "not a URDF"),
-        (ROBOT.format('<link name="a"><inertial><mass value="1e308"/></inertial></link>'),
-         "the mass of `a` has the number 1e+308; no arm has more than 1e+06"),
-        (ROBOT.format('<joint name="j" type="continuous"><parent link="root"/><child link="a"/>'
-                      '<axis xyz="0 0 1e308"/></joint><link name="a"/>'),
-         "the axis of `j` has the number 1e+308; no arm has more than 10000"),
-        (ROBOT.format('<joint name="j" type="nan"><parent link="root"/><child link="a"/></joint>'),
-         "joint `j` has the type `nan`; known: revolute"),
-    ],
-    ids=["levels", "elements", "links", "encoding", "link", "axis", "mass", "long axis", "type"],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    (ROBOT.format("<link>" * 300 + "</link>" * 300), "arm.urdf: more than 200 levels"),
+    (ROBOT.format("<x/>" * 50_001), "arm.urdf: more than 50000 elements"),
+    (ROBOT.format(chain(MOST)), f"has {2 * MOST + 1} links and joints, at most {MOST} are read"),
+    ('<?xml version="1.0" encoding="nowhere"?><robot/>', "arm.urdf:1: not XML"),
+    (ROBOT.format('<joint name="j" type="fixed"><parent link="inf"/><child link="root"/></joint>'),
+     "joint `j` names a link `inf` that is not there"),
+    (ROBOT.format('<joint name="j" type="fixed"><parent link="root"/><axis/></joint>'), "not a URDF"),
+    (ROBOT.format('<link name="a"><inertial><mass value="1e308"/></inertial></link>'),
+     "the mass of `a` has the number 1e+308; no arm has more than 1e+06"),
+    (ROBOT.format('<joint name="j" type="continuous"><parent link="root"/><child link="a"/>'
+                  '<axis xyz="0 0 1e308"/></joint><link name="a"/>'),
+     "the axis of `j` has the number 1e+308; no arm has more than 10000"),
+    (ROBOT.format('<joint name="j" type="nan"><parent link="root"/><child link="a"/></joint>'),
+     "joint `j` has the type `nan`; known: revolute"),
+], ids=["levels", "elements", "links", "encoding", "link", "axis", "mass", "long axis", "type"])  # fmt: skip
 def test_a_robot_in_xml_that_is_refused(tmp_path, text, words):
     (tmp_path / "arm.urdf").write_text(text)
     refused(re.escape(words), lambda: load_robot(str(tmp_path / "arm.urdf")))
@@ -67,14 +63,11 @@ def test_an_included_pipe_is_not_waited_for(tmp_path):
     refused("part is not a regular file", lambda: load_robot(str(tmp_path / "arm.xacro"), allow_xacro=True))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("<mujoco/>", "has no <worldbody>"),
-        ("<mujoco><worldbody>" + "<body>" * 300 + "</body>" * 300 + "</worldbody></mujoco>", "more than 200"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "has a DOCTYPE"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("<mujoco/>", "has no <worldbody>"),
+    ("<mujoco><worldbody>" + "<body>" * 300 + "</body>" * 300 + "</worldbody></mujoco>", "more than 200"),
+    ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "has a DOCTYPE"),
+])  # fmt: skip
 def test_a_scene_that_is_refused(tmp_path, text, words):
     (tmp_path / "scene.xml").write_text(text)
     refused(words, lambda: read_scene(tmp_path / "scene.xml"))
@@ -90,16 +83,12 @@ def test_text_around_a_scene_is_kept_whatever_it_says(tmp_path):
     assert scene.xml.text == text.replace("a>b", "b")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("kinematics: " + "[" * 20_000, "more than 30 levels"),
-        ("kinematics:\n" + "".join(
-            f"  {link}: {{x: .nan, y: 0, z: 0, roll: 0, pitch: 0, yaw: nan}}\n" for link in offsets.LINKS
-        ) + "  hash: a\n", "no calibration of ur_robot_driver"),
-    ],
-    ids=["levels", "nan"],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ("kinematics: " + "[" * 20_000, "more than 30 levels"),
+    ("kinematics:\n" + "".join(
+        f"  {link}: {{x: .nan, y: 0, z: 0, roll: 0, pitch: 0, yaw: nan}}\n" for link in offsets.LINKS
+    ) + "  hash: a\n", "no calibration of ur_robot_driver"),
+], ids=["levels", "nan"])  # fmt: skip
 def test_a_calibration_of_a_ur_that_is_refused(tmp_path, text, words):
     (tmp_path / "mine.yaml").write_text(text)
     refused(words, lambda: offsets._read(str(tmp_path / "mine.yaml")))
@@ -201,16 +190,13 @@ def changed_arm(record, key):
     }[key]
 
 
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("no table", "incomplete"),
-        ("no list", "incomplete"),
-        ("not symmetric", "`covariance_si` is no covariance"),
-        ("negative", "`covariance_si` is no covariance"),
-        ("too few", "incomplete"),
-    ],
-)
+@pytest.mark.parametrize(("key", "words"), [
+    ("no table", "incomplete"),
+    ("no list", "incomplete"),
+    ("not symmetric", "`covariance_si` is no covariance"),
+    ("negative", "`covariance_si` is no covariance"),
+    ("too few", "incomplete"),
+])  # fmt: skip
 def test_an_arm_that_was_changed_is_refused(tmp_path, key, words):
     written(tmp_path)
     path = tmp_path / "run" / "arm.json"

@@ -108,11 +108,9 @@ def dense_lambda(made, torque: np.ndarray) -> float:
     for k in range(n):
         own = np.trace(drawn.inertia[k]) / 3
         first = np.hypot(U["mass"] * drawn.mass[k] * np.abs(drawn.centre[k]), drawn.mass[k] * drawn.centre_u)
-        second = np.hypot(
-            U["inertia"] * (own + drawn.mass[k] * far[k] ** 2), 2 * drawn.mass[k] * far[k] * drawn.centre_u
-        )
-        sd = np.array([U["mass"] * drawn.mass[k], *first, *[second] * 6])
-        precision[10 * k : 10 * k + 10] = sd**-2
+        mass, lever = drawn.mass[k], far[k]
+        second = np.hypot(U["inertia"] * (own + mass * lever**2), 2 * mass * lever * drawn.centre_u)
+        precision[10 * k : 10 * k + 10] = np.array([U["mass"] * drawn.mass[k], *first, *[second] * 6]) ** -2
     precision[10 * n : 10 * n + 2] = log.u_alignment**-2, U["friction_transition"] ** -2
     stride = 5 if log.current else 4
     for j in range(n):
@@ -192,8 +190,7 @@ def test_every_form_of_an_effect_changes_what_is_measured(name):
 def test_a_cause_outside_the_list_is_not_absorbed(cause):
     made = short(motions=5)
     act = cause(np.random.default_rng(6), made.log)
-    parts = detectability(made.base, act.apply(0.5 * act.most))
-    assert sum(parts.values()) > 10.0
+    assert sum(detectability(made.base, act.apply(0.5 * act.most)).values()) > 10.0
     assert act.name not in mix.LISTED
     assert all(SITE.fullmatch(w["site"]) for w in act.where)
 
@@ -218,8 +215,7 @@ def test_a_log_is_read_and_hides_its_truth(tmp_path, kind, name):
     assert [m.role for m in log.motions] == ["calibrate", "validate"]
     assert log.mechanism.mass == pytest.approx(made.drawn.mass)
     assert np.any(np.abs(log.mechanism.mass / made.log.arm.mass - 1) > 0.02)
-    q = np.concatenate([m.position for m in log.motions])
-    assert q == pytest.approx(s.q, abs=np.radians(0.5))
+    assert np.concatenate([m.position for m in log.motions]) == pytest.approx(s.q, abs=np.radians(0.5))
     torque = np.concatenate([m.torque for m in log.motions])
     change = total(made.log, [made.log.seen(act, size) for act, size in made.acts]).torque
     off = (torque - made.log.torque - change) / made.log.noise.rms

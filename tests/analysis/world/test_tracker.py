@@ -99,9 +99,8 @@ def columns(made):
     for name, value in base.items():
         for k in range(value.size):
             step = 1e-6 * np.eye(value.size)[k].reshape(value.shape)
-            out.append(
-                (read(made, base | {name: value + step}) - read(made, base | {name: value - step})) / 2e-6
-            )
+            up, down = (read(made, base | {name: v}) for v in (value + step, value - step))
+            out.append((up - down) / 2e-6)
     return np.stack(out, axis=1)
 
 
@@ -121,8 +120,7 @@ def test_lambda_is_what_a_fit_without_the_effect_leaves(maker, stiff):
     used = np.repeat(stiff.session.phase == 0, 3)
     by = columns(stiff)[used] / SIGMA
     left = shift[used] / SIGMA - by @ np.linalg.lstsq(by, shift[used] / SIGMA, rcond=1e-9)[0]
-    model = visible.fitted(stiff, quiet, stiffness=False)
-    found = float(np.sum(model.left(shift, SIGMA) ** 2))
+    found = float(np.sum(visible.fitted(stiff, quiet, stiffness=False).left(shift, SIGMA) ** 2))
     assert found > 10
     assert found == pytest.approx(float(left @ left), rel=1e-4)
 
@@ -132,11 +130,8 @@ def derivatives(loaded, tmp_path_factory):
     """Derivatives by geometry and compliances that the program finds from the files alone (rows, z)."""
     folder, plan = tmp_path_factory.mktemp("loaded"), loaded.session
     noise = SIGMA * np.random.default_rng(1).standard_normal(3 * len(plan.time))
-    texts = {
-        "dataset.yaml": dataset_text(loaded, "loaded", SIGMA),
-        "robot.yaml": robot_text(),
-        "measurements.csv": measurements_text(plan, plan.start, plan.velocity, loaded.points((), noise)),
-    }
+    texts = {"dataset.yaml": dataset_text(loaded, "loaded", SIGMA), "robot.yaml": robot_text()}
+    texts["measurements.csv"] = measurements_text(plan, plan.start, plan.velocity, loaded.points((), noise))
     for name, text in texts.items():
         (folder / name).write_text(text)
     fitted = estimate(model_of(Scene(read_dataset(folder)), ("geometry", "compliance")))
@@ -161,14 +156,12 @@ def test_place_and_orientation_of_the_tracker_are_not_visible(loaded):
     quiet = loaded.session.start
     model = visible.fitted(loaded, quiet, stiffness=True)
     turn = Rotation.from_rotvec([2e-5, -3e-5, 1e-5]).as_matrix()
-    moved = replace(
-        loaded.instrument, origin=loaded.instrument.origin + 1e-4, turn=turn @ loaded.instrument.turn
-    )
+    instrument = loaded.instrument
+    moved = replace(instrument, origin=instrument.origin + 1e-4, turn=turn @ instrument.turn)
     shift = replace(loaded, instrument=moved).gap(quiet) - loaded.gap(quiet)
     assert np.abs(shift).max() > 1e-4
     assert np.sum(model.left(shift, SIGMA) ** 2) < 0.01
-    rest = shift - model.absorbed(shift, SIGMA, model.used)
-    assert np.abs(rest).max() < 1e-6, "nor in the later poses"
+    assert np.abs(shift - model.absorbed(shift, SIGMA, model.used)).max() < 1e-6, "nor in the later poses"
 
 
 def test_errors_of_distances_are_those_of_displaced_points(loaded):
@@ -293,8 +286,7 @@ def test_the_first_round_stays_and_further_rows_are_measured(effects) -> None:
     old, count = rows_of(made.texts["measurements.csv"]), 10
     rows = rows_of(further(made, wanted(made, count, 0.0), np.random.default_rng(0)))
     assert rows[: len(old)] == old
-    new = rows[len(old) :]
-    assert [r["role"] for r in new] == ["calibrate"] * count
+    assert [r["role"] for r in rows[len(old) :]] == ["calibrate"] * count
     assert len({r["id"] for r in rows}) == len(rows)
     assert all(float(a["time_s"]) < float(b["time_s"]) for a, b in pairwise(rows))
 
@@ -311,18 +303,15 @@ def test_the_same_contacts_are_read_again_but_for_noise() -> None:
     assert np.max(np.abs(gap - made.noise)) < 1e-7
     again = np.array(q[: len(s.time)])
     again[at] = q[len(s.time) :]
-    off = made.world.gap(again, made.acts)[at]
-    assert 0 < np.max(np.abs(off)) < 6 * made.sigma
+    assert 0 < np.max(np.abs(made.world.gap(again, made.acts)[at])) < 6 * made.sigma
 
 
 def test_a_payload_hangs_on_the_arm() -> None:
     made = make(SEED, number_of({"bending"}))
     bare = wanted(made, 8)
     loaded = [replace(w, payload=2.0) for w in bare]
-    q = [
-        np.array([float(r["j2_deg"]) for r in rows_of(further(made, w, np.random.default_rng(0)))[-8:]])
-        for w in (bare, loaded)
-    ]
+    last = (rows_of(further(made, w, np.random.default_rng(0)))[-8:] for w in (bare, loaded))
+    q = [np.array([float(r["j2_deg"]) for r in rows]) for rows in last]
     assert np.max(np.abs(q[1] - q[0])) > 1e-4
 
 

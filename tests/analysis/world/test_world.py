@@ -22,8 +22,7 @@ from analysis.world.touch import World
 from analysis.world.write import plain
 from bayescal.dataset import read_dataset
 from bayescal.estimate import estimate, settled
-from bayescal.model import build
-from bayescal.model.scene import Scene
+from bayescal.model import Scene, build
 
 SEED = 101
 OLD = {"effects": ["payload"], "noise_um": 9.73565034554, "lambda": 150.598473, "dataset": "c977cf2794a74d71"}
@@ -89,8 +88,7 @@ def test_null_world_fits_to_the_noise(made):
     noise = 1e6 * stated * fitted.weights.scale[kind]
     count = sum(len(b.rows) for b in fitted.model.blocks)
     assert noise == pytest.approx(truth["noise_um"], rel=4 / np.sqrt(2 * count))
-    off = np.array(list(truth["distance_rms_um"].values()))
-    assert off.max() < 4 * truth["noise_um"]
+    assert np.array(list(truth["distance_rms_um"].values())).max() < 4 * truth["noise_um"]
 
 
 def test_it_shares_nothing_with_the_model():
@@ -102,8 +100,7 @@ def test_it_shares_nothing_with_the_model():
         "print(sorted(n for n in sys.modules if n.split('.')[0] in ('bayescal', 'factors')))"
     )
     said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-    others = set(eval(said)) - {"bayescal", "bayescal.errors", "analysis.world", *modules}
-    assert not others
+    assert not set(eval(said)) - {"bayescal", "bayescal.errors", "analysis.world", *modules}
 
 
 def test_a_seed_of_the_first_generator_keeps_its_meaning():

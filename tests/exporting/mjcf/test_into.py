@@ -153,8 +153,7 @@ def random_scene(robot, rng) -> str:
         axis = inverse[:3, :3] @ (sign * frame[:3, 2])
         anchor = (inverse @ (frame @ [0.0, 0.0, 0.1 * rng.normal(), 1.0]))[:3]
         reference = float(rng.normal()) if rng.integers(2) else 0.0
-        local = np.linalg.inv(before) @ own @ about(axis, anchor, reference)
-        parent = body(parent, f"part{k}", local)
+        parent = body(parent, f"part{k}", np.linalg.inv(before) @ own @ about(axis, anchor, reference))
         ET.SubElement(parent, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
         stated = {"axis": words(2.0 * axis), "pos": words(anchor), "ref": words([unit(reference)])}
         ET.SubElement(parent, "joint", name=f"turn{k}", **stated)
@@ -171,8 +170,7 @@ def random_scene(robot, rng) -> str:
 @pytest.mark.parametrize("robot", ["fanuc-lrmate200ic", "franka-panda"])
 def test_an_arm_in_any_frames(tmp_path, robot):
     arm = drawn(robot, EFFECTS)
-    rng = np.random.default_rng(2)
-    text = random_scene(arm.dataset.robot, rng)
+    text = random_scene(arm.dataset.robot, np.random.default_rng(2))
     (tmp_path / "scene.xml").write_text(text)
     mujoco.MjModel.from_xml_string(text)
     file = patched(arm, tmp_path / "scene.xml")
@@ -223,8 +221,7 @@ def test_an_added_load_elsewhere_is_a_further_mass(monkeypatch):
     counts = {"contacts": 60, "repeats": 0, "later": 10, "spheres": 0, "placements": 0}
     loaded = simulate(Options(seed=2, payload=2.0, **counts)).dataset
     monkeypatch.setattr("analysis.simulators.session", lambda robot, seed: loaded)
-    arm = drawn("fanuc-lrmate200ic", (*BASE, "payload@added"))
-    off, size = differences(arm, POSES)
+    off, size = differences(drawn("fanuc-lrmate200ic", (*BASE, "payload@added")), POSES)
     assert np.max(off) < limit((*BASE, "payload"))
     assert size > 2e-6
 
@@ -283,10 +280,7 @@ def test_springs_and_friction_hold_the_largest_moments_of_the_session():
     off = np.linalg.norm(points - modelled(arm, rows, reached, state), axis=1)
     assert np.max(off) < limit((*BASE, "hardening", "backlash"))
     model = mujoco.MjModel.from_xml_string(text)
-    held = [
-        model.tendon_stiffness[t] * float(e.get("springyield"))
-        for e in ElementTree.fromstring(text).iter("fixed")
-        if e.get("name").endswith("_friction")
-        for t in [model.tendon(e.get("name")).id]
-    ]
+    tendons = [e for e in ElementTree.fromstring(text).iter("fixed") if e.get("name").endswith("_friction")]
+    stiffness = [model.tendon_stiffness[model.tendon(e.get("name")).id] for e in tendons]
+    held = [k * float(e.get("springyield")) for k, e in zip(stiffness, tendons, strict=True)]
     assert held == pytest.approx([max(30.0, 2.0 * torques.max())] * 6, rel=1e-12)

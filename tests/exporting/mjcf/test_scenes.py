@@ -16,9 +16,8 @@ from cases import DATA, refused
 
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.exporting.export import export
-from bayescal.exporting.mjcf import replay_table
+from bayescal.exporting.mjcf import Joints, replay_table
 from bayescal.exporting.mjcf.elastic import CLOSE, Content, spring_of
-from bayescal.exporting.mjcf.readings import Joints
 from bayescal.exporting.mjcf.replay import Replay, Simulated
 from bayescal.verifying.simulator import File, limit
 
@@ -90,10 +89,8 @@ def test_names_of_the_scene_are_left_to_it(tmp_path):
 def test_a_class_of_our_name_is_kept(tmp_path):
     own = '<default class="bayescal"><joint damping="7"/></default>'
     joint = '<joint name="hatch" class="bayescal"/>'
-    text = changed(
-        ('<default class="ur5e">', f'{own}<default class="ur5e">'),
-        ('<geom name="cube"', f'{joint}<geom name="cube"'),
-    )
+    default = ('<default class="ur5e">', f'{own}<default class="ur5e">')
+    text = changed(default, ('<geom name="cube"', f'{joint}<geom name="cube"'))
     text = text.replace('<freejoint name="cube_free"/>', "").replace("0.6 0.3 0.1 1 0 0 0 ", "0 ")
     out = fits(save(tmp_path, text), BASE)
     assert own in out.written.content
@@ -138,8 +135,7 @@ def test_meshes_are_found_from_another_folder(tmp_path):
             ('<material name="linkgray"', mesh.format(file)), shown,
             ('<compiler angle="radian"', f'<compiler {folder} angle="radian"'),
         )  # fmt: skip
-        path = save(tmp_path / "robots", text)
-        out = export(arm, "mjcf", into=str(path), force=True)
+        out = export(arm, "mjcf", into=str(save(tmp_path / "robots", text)), force=True)
         assert out.written.placed(tmp_path / "robots") == out.written.content
         for place in (tmp_path / "robots", tmp_path / "out" / "deep"):
             written = out.save(place / "arm.xml")[0]
@@ -156,8 +152,7 @@ def test_nested_includes_are_found_as_by_mujoco(tmp_path):
     for folder, name in (("", "a"), ("parts", "a"), ("parts", "b")):
         save(tmp_path / folder, note.format(f"{folder}{name}"), f"{name}.xml")
     compiler = '  <compiler angle="radian"'
-    text = changed((compiler, f'  <include file="parts/all.xml"/>\n{compiler}'))
-    path = save(tmp_path, text)
+    path = save(tmp_path, changed((compiler, f'  <include file="parts/all.xml"/>\n{compiler}')))
     whole = mujoco.MjModel.from_xml_path(str(path))
     model = mujoco.MjModel.from_xml_string(fits(path, ("geometry",)).written.content)
     kind = mujoco.mjtObj.mjOBJ_TEXT
@@ -170,8 +165,7 @@ def test_included_files_stand_in_the_patched_file(tmp_path):
     (tmp_path / "parts").mkdir()
     save(tmp_path / "parts", f"<mujocoinclude>\n<!-- the arm -->\n{body}</mujocoinclude>\n", "arm.xml")
     light = '<worldbody><light pos="0 0 4"/></worldbody>'
-    text = changed((body, f'  <include file="parts/arm.xml"/>\n  {light}\n'))
-    out = fits(save(tmp_path, text))
+    out = fits(save(tmp_path, changed((body, f'  <include file="parts/arm.xml"/>\n  {light}\n'))))
     assert "<!-- the arm -->" in out.written.content
     assert "<include" not in out.written.content
     assert "arm.xml stands in place of its <include>" in out.notes
@@ -194,8 +188,7 @@ def on_a_vehicle() -> str:
 
 @pytest.mark.parametrize("effects", [("geometry",), EVERY], ids=["geometry", "elastic"])
 def test_an_arm_on_a_vehicle(tmp_path, effects):
-    out = fits(save(tmp_path, on_a_vehicle()), effects)
-    model = mujoco.MjModel.from_xml_string(out.written.content)
+    model = mujoco.MjModel.from_xml_string(fits(save(tmp_path, on_a_vehicle()), effects).written.content)
     assert model.joint("drive").type == mujoco.mjtJoint.mjJNT_FREE
     assert model.body("vehicle").mass == 80
     if effects == EVERY:
@@ -229,8 +222,7 @@ def test_masses_of_geoms_stay(tmp_path):
     assert after.body("cube").ipos.tolist() == before.body("cube").ipos.tolist()
     assert after.body("upper_arm_link").mass == 8.058
     assert any("inertiafromgeom is auto" in note for note in out.notes)
-    alone = fits(path, ("geometry",)).written.content
-    assert 'inertiafromgeom="true"' in alone
+    assert 'inertiafromgeom="true"' in fits(path, ("geometry",)).written.content
 
 
 def test_the_mass_of_a_gripper_is_told(tmp_path):
@@ -246,8 +238,7 @@ def test_the_mass_of_a_gripper_is_told(tmp_path):
 def test_frames_around_bodies(tmp_path):
     frame = '<frame pos="0 0 .1" euler="0 0 1.2">'
     body = '<body name="shoulder_link" pos="0 0 0.063" axisangle="0 0 1 -1.2">'
-    text = changed(('<body name="shoulder_link" pos="0 0 0.163">', frame + body))
-    head, tail = text.split(ENDS)
+    head, tail = changed(('<body name="shoulder_link" pos="0 0 0.163">', frame + body)).split(ENDS)
     out = fits(save(tmp_path, f"{head}      </body></frame>\n    </body>\n  </worldbody>{tail}"))
     assert frame in out.written.content
 
