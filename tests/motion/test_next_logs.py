@@ -25,6 +25,8 @@ from bayescal.reporting.motion.fit import plan_record
         ("joint 1", "acceleration times time since the motion began", "after a pause of a minute"),
         ("log", "rate of torque times time", "stamps of one clock"),
         ("tool", "force on the tool", "without them"),
+        ("tool", "mass in every motion", "weigh what the tool carries"),
+        ("joint 3", "motion of the link", "rests in poses that load joint 3 more and less"),
         ("joint 2", "direction", "move joint 2 alone at constant speed, in both directions"),
     ],
 )
