@@ -211,7 +211,7 @@ def cube(
     certificates += [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in SQUARE]
     dataset = Dataset(
         f"cube-{seed}", Path(), robot, "fanuc-lrmate200ic", "encoder", GRAVITY, (TOOL,),
-        Noise(contact=noise if stated is None else stated, joint=joint), tuple(targets), certificates,
+        Noise(contact=noise if stated is None else stated, joint=joint), tuple(targets), tuple(certificates),
         measurements(rng, readings, target, payload), "arm",
     )  # fmt: skip
     return SimpleNamespace(dataset=dataset, arm=arm, planes=planes, outliers=bad)
