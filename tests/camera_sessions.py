@@ -1,7 +1,5 @@
 """Sessions of a camera and a board, simulated with a few lines that share only the arm with the model."""
 
-from copy import deepcopy
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +7,16 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_of
-from bayescal.dataset import Dataset, Measurements, Noise, Target, Tool
+from bayescal.dataset import Noise, Target, Tool
+from bayescal.dataset.types import Dataset, Measurements
 from bayescal.robots import load_robot
 
 NAN = float("nan")
 BOARD = np.array([[30e-3 * (x + 1), 30e-3 * (y + 1), 0.0] for y in range(4) for x in range(6)])
 FOCAL, CENTRE, SIZE = np.array([910.0, 905.0]), np.array([640.0, 360.0]), np.array([1280.0, 720.0])
-UNSTATED = ("distortion", "u_focal", "u_centre", "u_distortion", "points", "u_scale", "u_flatness")
-LEFT_OUT = dict.fromkeys(UNSTATED, NAN)
+LEFT_OUT = dict.fromkeys(
+    ("distortion", "u_focal", "u_centre", "u_distortion", "points", "u_scale", "u_flatness"), NAN
+)
 
 
 def pose(euler_deg, shift):
@@ -31,37 +31,28 @@ ON_FLANGE = pose([3, -2, 40], [0.03, -0.05, 0.06])
 FIXED = {"flange": pose([180, 0, 17], [0.42, -0.1, 0.02]), "fixed": pose([-100, 5, -90], [-0.1, 0.1, 0.5])}
 
 
-@cache
-def _views(mount, seed, zeros, scale, number):
-    """Full views of a draw of poses, counted from 0: readings, exact corners; and the generator behind it."""
-    before = _views(mount, seed, zeros, scale, number - 1)[2] if number else np.random.default_rng(seed)
-    rng = deepcopy(before)
-    robot, _ = load_robot("fanuc-lrmate200ic")
-    fixed, board = FIXED[mount], scale * BOARD
-    q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (4000, robot.n))
-    reading = (q * np.sign(np.diag(robot.link_from_reading))) @ np.linalg.inv(robot.link_from_reading).T
-    angles = link_angles(robot, reading)
-    tool = frames(chain_of(robot), angles + np.array(zeros))[:, -1] @ ON_FLANGE
-    seen = np.linalg.inv(tool) @ fixed if mount == "flange" else np.linalg.inv(fixed) @ tool
-    reading, seen = reading[facing := seen[:, 2, 2] > 0.6], seen[facing]
-    at = np.einsum("nij,kj->nki", seen[:, :3, :3], board) + seen[:, None, :3, 3]
-    uv = at[..., :2] / at[..., 2:] * FOCAL + CENTRE
-    good = (at[..., 2].min(axis=1) > 0.2) & (at[..., 2].max(axis=1) < 1.0)
-    good &= np.all((uv > 0) & (uv < SIZE), axis=(1, 2))
-    return reading[good], uv[good], rng
-
-
 def camera_session(
     mount="flange", images=20, noise=0.2, seed=0, arm=None, scale=1.0, placed=True, velocity=True, validate=0
 ):
     """A session of `images` full views of a ChArUco board; `arm`: errors of the joints' zeros, rad."""
+    rng = np.random.default_rng(seed)
     robot, _ = load_robot("fanuc-lrmate200ic")
-    zeros, fixed = tuple(np.zeros(robot.n) if arm is None else arm), FIXED[mount]
-    readings, pixels, draws = [], [], 0
+    chain, zeros = chain_of(robot), np.zeros(robot.n) if arm is None else np.asarray(arm)
+    fixed, board = FIXED[mount], scale * BOARD
+    readings, pixels = [], []
     while len(readings) < images:
-        reading, uv, after = _views(mount, seed, zeros, scale, draws)
-        readings, pixels, draws = [*readings, *reading], [*pixels, *uv], draws + 1
-    rng = deepcopy(after)
+        q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (4000, robot.n))
+        reading = (q * np.sign(np.diag(robot.link_from_reading))) @ np.linalg.inv(robot.link_from_reading).T
+        angles = link_angles(robot, reading)
+        tool = frames(chain, angles + zeros)[:, -1] @ ON_FLANGE
+        seen = np.linalg.inv(tool) @ fixed if mount == "flange" else np.linalg.inv(fixed) @ tool
+        reading, seen = reading[facing := seen[:, 2, 2] > 0.6], seen[facing]
+        at = np.einsum("nij,kj->nki", seen[:, :3, :3], board) + seen[:, None, :3, 3]
+        uv = at[..., :2] / at[..., 2:] * FOCAL + CENTRE
+        good = (at[..., 2].min(axis=1) > 0.2) & (at[..., 2].max(axis=1) < 1.0)
+        good &= np.all((uv > 0) & (uv < SIZE), axis=(1, 2))
+        readings += list(reading[good])
+        pixels += list(uv[good])
     count = len(BOARD)
     pixel = np.array(pixels[:images]) + noise * rng.standard_normal((images, count, 2))
     rows = np.repeat(np.arange(images), count)

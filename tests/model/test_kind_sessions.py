@@ -88,6 +88,21 @@ def posed(cube):
     return of_pieces(cube(seed=6), (probes, plain), planes=False, seed=1)
 
 
+@pytest.fixture(scope="module")
+def every(cube):
+    """A target of every kind, with certificates across kinds."""
+    pieces = (
+        *BALLS,
+        cone("cone", [0.42, 0.05, 0.20], [1e-3, 1e-3, 0], count=12),
+        bar("bar", [0.45, 0.1, -0.05], [0, -1e-3, 1e-3], count=30),
+        pin("pin", [0.5, -0.05, 0.25], [0.0, 0.0, 1.0], [1e-3, -1e-3, 0], count=24),
+        replace(NORTH, count=60, held=12, poses=True),
+    )
+    pairs = (BALLS, (BALLS[0], pieces[2]), pieces[2:4], (BALLS[1], pieces[3]))
+    papers = tuple(apart(*pair) for pair in pairs)
+    return of_pieces(cube(seed=8, count=60), pieces, papers, seed=3)
+
+
 def scales_are_right(found):
     return all(0.7 < s < 1.4 for g, s in found.weights.scale.items() if g != "orientation")
 
@@ -237,19 +252,9 @@ def test_latent_readings_and_draws_of_poses(posed):
     assert rest[0] == pytest.approx(found.z @ found.z)
 
 
-def test_gap_takes_every_kind(cube):
+def test_gap_takes_every_kind(every):
     """No false name on an arm that errs by nothing but geometry and compliance."""
-    # a target of every kind, with certificates across kinds
-    pieces = (
-        *BALLS,
-        cone("cone", [0.42, 0.05, 0.20], [1e-3, 1e-3, 0], count=12),
-        bar("bar", [0.45, 0.1, -0.05], [0, -1e-3, 1e-3], count=30),
-        pin("pin", [0.5, -0.05, 0.25], [0.0, 0.0, 1.0], [1e-3, -1e-3, 0], count=24),
-        replace(NORTH, count=60, held=12, poses=True),
-    )
-    pairs = (BALLS, (BALLS[0], pieces[2]), pieces[2:4], (BALLS[1], pieces[3]))
-    papers = tuple(apart(*pair) for pair in pairs)
-    found = diagnose(plain(of_pieces(cube(seed=8, count=60), pieces, papers, seed=3).dataset))
+    found = diagnose(plain(every.dataset))
     assert found.verdict.kind == "null", found.verdict
     assert found.magnitude.validation_rms < 25e-6
     assert any("orientation" in warning for warning in warnings(found))
