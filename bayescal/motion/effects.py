@@ -184,7 +184,7 @@ def _of_link(form: Form, k: int, s: Signals, model: Operating) -> Iterator[FormC
 def _payload(s: Signals, model: Operating, scale: Scale) -> Iterator[FormColumn]:
     by, m = s.rigid[:, :, -1], s.log.mechanism
     column, most = by @ payload_of(m), [float(np.max(motion.payload)) for motion in s.log.motions]
-    kinds = ("", "kg", scale.loaded, s.payload > 0.0), (DENSE, "1", 1.0, s.payload)  # alike if all are alike
+    kinds = ("", "kg", scale.loaded, s.payload > 0.0), (DENSE, "1", 1.0, s.payload)  # alike for one mass
     for setting, unit, size, rows in kinds[: len({*most} - {0.0})]:
         form = Form("payload", TOOL, "mass", setting)
         yield form, form.term(unit, FORMS.payload * size), column * rows[:, None]

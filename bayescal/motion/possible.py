@@ -260,7 +260,7 @@ class NamedArm:
         if tracked:
             baseline = (c for c in self.estimate.columns(s) if c[0].name.startswith(TRACKING))
             drives -= sum(self._torque(s, *c) for c in baseline)
-        for name in self.effects:
+        for name in sorted(self.effects):
             for term, column in self._columns(s, name):
                 if term.name.startswith(HELD):
                     continue
