@@ -115,8 +115,8 @@ def watch_content(events: Sequence[Event], contacts: Sequence[Contact]) -> Conte
     judged = [c for c in contacts if np.isfinite(c.p_value)]
     row = np.array([c.row + 1 for c in judged], float)
     ratio, odd = np.array([c.residual / c.u for c in judged]), np.array([c.odd for c in judged], bool)
-
-    ends = fits[0].rows - 1, len(contacts) + 1
+    every = [e.rows for e in fits] + row.tolist()
+    ends = min(every) - 1, max(every) + 1
 
     def above(axes: Any) -> None:
         u, u_fits = [UM * c.U for c in judged], [UM * e.U for e in fits]

@@ -1,5 +1,6 @@
 """Small residuals that prove nothing are called so: one defect, its words and no others."""
 
+import json
 from dataclasses import replace
 
 import foreign
@@ -150,6 +151,17 @@ def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
     ends = [f"{1e3 * end:.0f}" for end in (space.shortest, space.longest)]
     assert 0 < float(ends[0]) < float(ends[1])
     assert any(f"{space.count} distances, {ends[0]} to {ends[1]} mm" in line for line in lines)
+
+
+def test_the_record_has_the_figures(fits):
+    record = json.loads(json.dumps(fit_record(fits["too few"]), allow_nan=False))
+    told = record["predicted_distance"]
+    low, high = told["predicted_interval95_um"]
+    assert low < told["predicted_rms_um"] < high
+    assert told["measured_rms_um"] is None
+    assert told["prior_share"] > 0.5
+    assert record["directions"]["missing"] == []
+    assert told["all"][-1]["over"] == "points of the workspace"
 
 
 def test_an_instrument_kept_back_measures_the_distances(tracker):

@@ -51,6 +51,12 @@ def replaced(text: str, old: str, new: str) -> str:
     return text.replace(old, new, 1)
 
 
+def test_valid_as_it_stands(tmp_path):
+    data = read_dataset(write(tmp_path))
+    assert len(data.measurements.ids) == 20
+    assert [t.kind for t in data.targets].count("plane") == 3
+
+
 @pytest.mark.parametrize(("old", "new", "line", "words"), SPOILT_SETTINGS)
 def test_settings(tmp_path, old, new, line, words):
     settings = replaced(SETTINGS, old, new)

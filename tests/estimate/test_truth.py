@@ -207,6 +207,15 @@ def test_few_contacts(cube, count):
     check_pulls(found, session.arm)
 
 
+def test_arm_as_drawn(cube):
+    """No effects: tool and targets only, and the noise says what is missing."""
+    session = cube(seed=1)
+    found = fit(session.dataset, ())
+    assert found.model.names[:3] == ("ball x", "ball y", "ball z")
+    assert found.weights.scale["contact"] > 20
+    assert fit(session.dataset, ("geometry",)).weights.scale["contact"] > 3
+
+
 def test_noisy_readings(cube):
     """Noise of the readings, ten times that of a contact, is accounted for contact by contact."""
     pairs = []

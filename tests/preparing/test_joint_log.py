@@ -448,3 +448,10 @@ def test_a_torque_of_too_few_digits(tmp_path):
     assert list(read.coarse) == ["J2"]
     assert "one and the same torque" in read.limits[-1]
     assert "J2" in read.limits[-1]
+
+
+def test_a_torque_with_all_digits_is_no_finding(tmp_path):
+    folder = written(made(), tmp_path / "log")
+    assert "coarse" not in codes(checked(folder))
+    read = read_log(folder)
+    assert read.limits == read.notes

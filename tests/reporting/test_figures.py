@@ -149,8 +149,8 @@ def test_levels_are_those_of_the_record(fit, sessions):
 def test_points_are_not_drawn_per_coordinate(sessions):
     """The error of a point is the length of its vector, in the levels too."""
     record = sessions["points"]
-    ladder = [step | {"point_length_rms_um": 3.0 * k + 1} for k, step in enumerate(record["ladder"])]
-    record = record | {"lengths": record["lengths"] | {"of": "validation points"}, "ladder": ladder}
+    levels = [step | {"point_length_rms_um": 3.0 * k + 1} for k, step in enumerate(record["ladder"])]
+    record = record | {"lengths": record["lengths"] | {"of": "validation points"}, "ladder": levels}
     axes = draw("levels", record).axes[0]
     assert len(marks(axes, {"color": SERIES[0], "marker": "o"})) == 0
     lengths = [3.0 * k + 1 for k in range(len(record["ladder"]))]

@@ -373,4 +373,10 @@ def test_the_picture_shows_what_is_finite():
     above, below = figure.axes
     assert above.get_yscale() == "log"
     assert np.all(np.isfinite(above.get_ylim()))
+    # also where the table was begun anew, with fewer rows than the first fit had
+    fitted = above.lines[1].get_xdata()[0]
+    assert fitted > len(contacts)
+    for axes in (above, below):
+        low, high = axes.get_xlim()
+        assert low < 1 < fitted < high
     assert below.lines[0].get_ydata().tolist() == pytest.approx([0.0, 0.2, 0.4])
