@@ -6,7 +6,8 @@ from gap_problems import bench_of
 
 from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.where import Contribution, neighbours
+from bayescal.gap.outcome.where import Contribution, beside, neighbours
+from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.makers import along, at_joint
 from bayescal.gap.search.unknown import with_columns
 
@@ -57,3 +58,14 @@ def test_a_site_is_alike_by_what_may_move_it_and_where_it_leaves_nothing(
 ):
     site = joint(number)
     assert alike(bench, site, Driver(driver, number), errors[site], np.ones(1)) == sites
+
+
+def test_what_is_alike_is_stated_of_every_effect_and_is_none_of_a_certificate(bench):
+    search = Search(bench.made_up(0), bench.known)
+    sites = {}
+    for *_, variant in bench.known.variants.values():
+        member = Member(variant, 1.0, 0.0)
+        named = search.hypothesis([member])
+        sites[variant.effect] = beside(member, named, bench.known.pool, bench.circumstances, bench.slopes)
+    assert any(sites.values())
+    assert not sites["artefact"]

@@ -153,6 +153,19 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
         assert abs(np.degrees(refit[a["parameters"][0]])) == pytest.approx(a["value"], rel=1e-9)
 
 
+def test_certified_values_in_error_are_named_and_moved_no_contact():
+    model = "geometry,compliance,artefact"
+    dataset = bc.simulate(effects=model, contacts=160, later=16, repeats=0, spheres=2, placements=1, seed=1)
+    gap = diagnose(dataset.dataset)
+    record = sane(gap)
+    assert (record["verdict"], record["effects"]) == ("named", ["artefact"])
+    assert {(a["site"], *a["parameters"]) for a in record["amplitudes"]} >= {
+        ("artefact", "artefact cube.+y, cube.-x square")
+    }
+    assert gap.where[0].explained_by == "artefact"
+    assert not gap.where[0].neighbours
+
+
 @foreign.needs()
 @pytest.mark.parametrize("world", ["010", "022"])
 def test_worlds_of_another_author(world):

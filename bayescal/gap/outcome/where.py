@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.effects import Circumstances, Parameter
+from bayescal.effects import CERTIFICATE, Circumstances, Parameter
 from bayescal.effects.location import ARM, TOOL, Driver, Site, face
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import project
@@ -168,10 +168,13 @@ def neighbours(
 
 
 def _functions(of: Contribution, c: Circumstances) -> np.ndarray:
-    """Functions (N, k) of the rows by which a contribution displaces axes of frames, none a sum of others."""
+    """Functions (N, k) of the rows by which a contribution displaces axes of frames, none a sum of others.
+
+    An error of a certificate displaces none.
+    """
     moved: dict[tuple[int, str], np.ndarray] = {}
     for q, amplitude in zip(of.parameters, of.amplitude, strict=False):  # of a random error there are none
-        for t in q.terms:
+        for t in (t for t in q.terms if t.frame != CERTIFICATE):
             by = amplitude * q.sd * np.broadcast_to(t.driver, len(c.q))
             moved[t.frame, t.axis] = moved.get((t.frame, t.axis), 0.0) + by
     each = [f / size for f in moved.values() if (size := float(np.max(np.abs(f)))) > 0]
