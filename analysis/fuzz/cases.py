@@ -33,6 +33,8 @@ SECONDS, WAITING = 10, 240
 """s of processor time, and in all, after which a command hangs: a busy machine is slow, a pipe needs none."""
 LONGEST = 400
 """Characters of a message."""
+REPORTED = ("FAILED: ", "refused by fit")
+"""Words by which `verify` and `check` report, with exit code 1, what is wrong with a file."""
 ABSURD = 100.0
 """Times the residuals of the seed from which on a fit must say something."""
 SMALL = 5.0
@@ -237,7 +239,7 @@ def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
     if ran.trouble:
         return "FAIL", ran.trouble
     lines = ran.error.strip().splitlines()
-    failed = ran.code == 1 and not lines and "FAILED: " in ran.output  # what `verify` says of a wrong file
+    failed = ran.code == 1 and not lines and any(word in ran.output for word in REPORTED)
     if ran.code == 0 or failed:
         return _accepted(ran, out, folder)
     if ran.code != 1:
@@ -257,8 +259,9 @@ def judged(ran: Ran, out: Path, folder: Path) -> tuple[str, str]:
         and "not a number" not in text
     ):
         return "FAIL", f"a number that is not finite: {text[:80]}"
-    if any(p.name not in ("here",) for p in out.iterdir()):
-        return "FAIL", f"a refused command wrote {sorted(p.name for p in out.iterdir())[0]}"
+    wrote = sorted(p.name for p in out.iterdir() if p.name != "here" and p.name not in lines[0])
+    if wrote:
+        return "FAIL", f"a refused command wrote {wrote[0]}"
     return "refused", ""
 
 

@@ -218,7 +218,7 @@ def compensate(
     show(result.report(), out.parent, result.save(out))
     lacking = [target for target in result.data.corrected if target.readings is None]
     if lacking and len(lacking) == len(result.data.corrected):
-        raise BayescalError("no target has a solution", str(targets), "the column `reason` states why")
+        raise BayescalError("no target has a solution", str(out), "its column `reason` states why")
 
 
 @command(

@@ -241,7 +241,7 @@ def check_columns(header: list[str], where: str, units: Sequence[str]) -> None:
     check_names(header, where)
     columns, n = known_columns(units), len(units)
     for column in header:
-        joint = re.fullmatch(rf"j(\d+)_({'|'.join([*JOINT, *JOINT.values()])})", column)
+        joint = re.fullmatch(rf"j([1-9][0-9]*)_({'|'.join([*JOINT, *JOINT.values()])})", column)
         if joint and int(joint[1]) > n:
             what = f"column `{column}`, but the robot has {n} joints"
             raise BayescalError(what, where, "check `robot` in dataset.yaml")

@@ -154,7 +154,7 @@ Map = Mapping[str, Column]
 
 PRODUCT = re.compile(r"\s\*\s(?![^{}]*\})")
 """A product in a text for all joints: not within a name in braces."""
-OF_SERVOS = re.compile(r"j(\d+)(_command|_link)?")
+OF_SERVOS = re.compile(r"j([1-9][0-9]*)(_command|_link)?")
 
 
 def calibrated(map_: Map, servos: Sequence[Servo]) -> Map:
@@ -253,7 +253,7 @@ def quantity_of(key: str, units: Sequence[str], where: str) -> tuple[str, Unit |
     stem, suffix = stem_of(key)
     unit = SPELLED.get(suffix) or SPELLED.get(suffix.upper())
     if unit and key not in DIMENSIONS:
-        quantity = stem + (OF_UNIT.get(suffix, "") if re.fullmatch(r"j\d+", stem) else "")
+        quantity = stem + (OF_UNIT.get(suffix, "") if re.fullmatch(r"j[1-9][0-9]*", stem) else "")
         return quantity, unit_of(unit.name, dimension_of(quantity, units, where), where)
     dimension_of(key, units, where)
     return key, None
@@ -261,7 +261,7 @@ def quantity_of(key: str, units: Sequence[str], where: str) -> tuple[str, Unit |
 
 def dimension_of(key: str, units: Sequence[str], where: str) -> str:
     """What the quantity `key` measures; unknown ones and joints without a unit are refused."""
-    joint = re.fullmatch(r"j(\d+)(\w*)", key)
+    joint = re.fullmatch(r"j([1-9][0-9]*)(\w*)", key)
     if joint and joint[2] in OF_JOINTS:
         if not 1 <= int(joint[1]) <= len(units):
             raise BayescalError(f"`{key}`, but the robot has {len(units)} joints", where, "check --robot")

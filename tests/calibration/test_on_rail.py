@@ -69,6 +69,8 @@ def test_a_session_is_written_as_it_was_read(folder, tmp_path):
 WRONG = (
     ("j1_mm", "j1_deg", "column `j1_deg`, but joint 1 is prismatic; write `j1_mm`"),
     ("j2_deg", "j2_mm", "column `j2_mm`, but joint 2 is revolute; write `j2_deg`"),
+    ("j2_deg", "j02_deg", "unknown column `j02_deg`; is it `j2_deg`?"),
+    ("j1_mm", "j0_mm", "unknown column `j0_mm`"),
     ("j1_mm", "j1_m", "`j1_m` has a wrong unit; write `j1_mm`"),
 )
 

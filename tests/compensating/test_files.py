@@ -234,7 +234,7 @@ def test_the_command(arm, tmp_path, command, error_of, output_of):
     assert len(read(out.read_bytes())) == 3
     far = table(tmp_path / "far.csv", POSES + "a,4000,0,200,180,0,0,\n")
     code, text, error = command("compensate", str(run), str(far), "--out", str(tmp_path / "far-out.csv"))
-    assert (code, "out of reach" in text, "no target has a solution" in error) == (1, True, True)
+    assert (code, "out of reach" in text, "far-out.csv: no target has a solution" in error) == (1, True, True)
     table(source, POSES + "a,450,,200,180,0,0,\n")
     before = out.read_bytes()
     error_of("compensate", run, source, "--out", out)
