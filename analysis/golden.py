@@ -246,7 +246,7 @@ def differing_lines(a: Path, b: Path) -> Iterator[str]:
 
 
 def compared(a: Path, b: Path) -> dict[str, list[str]]:
-    """What differs between two recordings, by file."""
+    """What differs between two recordings, by file; a command that crashed differs from what it should be."""
     found = {}
     first, second = ({str(p.relative_to(r)) for p in r.rglob("*") if p.is_file()} for r in (a, b))
     for name in sorted(first | second):
@@ -256,6 +256,8 @@ def compared(a: Path, b: Path) -> dict[str, list[str]]:
         differing = differing_arrays if name.endswith(".npz") else differing_lines
         if differences := list(differing(a / name, b / name)):
             found[name] = differences
+        elif name.endswith("stderr") and "Traceback" in (b / name).read_text(encoding="utf-8"):
+            found[name] = ["ends with a traceback in A and B"]
     return found
 
 

@@ -59,6 +59,15 @@ def test_a_missing_file_is_seen(tmp_path):
     assert compared(a, b) == {"arm.urdf": ["only in A"]}
 
 
+def test_a_crash_is_seen_though_both_have_it(tmp_path):
+    for text, number in (("bayescal: no such file\n", 0), ("Traceback (most recent call last):\n", 1)):
+        a, b = tmp_path / f"a{number}", tmp_path / f"b{number}"
+        for folder in (a, b):
+            folder.mkdir()
+            (folder / "stderr").write_text(text)
+        assert len(compared(a, b)) == number
+
+
 def test_paths_progress_and_versions_are_left_out():
     text = "estimate 25 %, 10 s\nwritten /w/run, bayescal 0.1.0, numpy 2.4.6; 3.1 mm\n25 % of it, 10 s\n"
     assert normalised(text, {Path("/w"): "WORK"}) == "written WORK/run, VERSIONS; 3.1 mm\n25 % of it, 10 s\n"
