@@ -123,9 +123,10 @@ def _most(name: str, kind: str, d: Decision) -> float:
     """Largest probability that is stated of an effect."""
     if name in ("null", "unknown"):
         return 1.0
-    if name in d.withheld:
+    beside = kind in ("named+unexplained", "class", "unknown")
+    if name in d.withheld or (beside and name in d.unclaimed):
         return VERDICT.not_admitted
-    if kind not in ("named+unexplained", "class", "unknown"):
+    if not beside:
         return VERDICT.beside_unmodelled if name in d.replaced else 1.0
     explained = d.explained if name in d.weighed[0].names else 1.0
     return float(np.clip(explained, 0.0, VERDICT.beside_unmodelled))

@@ -147,23 +147,30 @@ def test_a_tool_has_cells_by_the_direction_of_gravity(bench):
 
 
 @pytest.mark.parametrize(
-    ("kind", "explained", "shares"),
+    ("kind", "explained", "shares", "refuted"),
     [
-        ("named", 0.6, (1.0, 1.0)),
-        ("named+unexplained", 0.6, (0.6, 0.85)),
-        ("named+unexplained", 0.95, (0.85, 0.85)),
-        ("unknown", 0.0, (0.0, 0.85)),
+        ("named", 0.6, (1.0, 1.0), 1.0),
+        ("named+unexplained", 0.6, (0.6, 0.85), 0.5),
+        ("named+unexplained", 0.95, (0.85, 0.85), 0.5),
+        ("unknown", 0.0, (0.0, 0.85), 0.5),
     ],
 )
 def test_beside_an_unmodelled_effect_a_name_has_no_more_than_the_share_that_it_explains(
-    kind, explained, shares
+    kind, explained, shares, refuted
 ):
-    """Only names of the leading explanation: another one, or compliance named before, keeps its own."""
+    """Only names of the leading explanation: another one, or compliance named before, keeps its own.
+
+    Where the validation data refuse all names together, none is likely.
+    """
     best = SimpleNamespace(names=("backlash",))
-    d = SimpleNamespace(weighed=(best,), explained=explained, withheld=frozenset(), replaced={"step"})
+    d = SimpleNamespace(
+        weighed=(best,), explained=explained, withheld=frozenset(), replaced={"step"}, unclaimed=set()
+    )
     assert (_most("backlash", kind, d), _most("compliance", kind, d)) == shares
     assert _most("unknown", kind, d) == 1.0
     assert _most("step", kind, d) == 0.85  # the evidence is that of a form which validation data refuse
+    d.unclaimed.add("backlash")
+    assert _most("backlash", kind, d) == refuted
 
 
 def test_quantities_of_the_joints_of_a_name_have_half_of_the_prior():
