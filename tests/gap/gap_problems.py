@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 from sessions import with_columns
 
+from bayescal.arm.motion import Term
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
-from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
+from bayescal.effects.location import Driver, Site
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import Bank, Projected, project, weigh_sets
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
@@ -157,6 +159,10 @@ class Bench:
         information = project(state, columns).information(np.arange(columns.shape[1]))
         return columns @ amplitude * np.sqrt(strength / (amplitude @ information @ amplitude))
 
+    def of_terms(self, *terms: Term, strength: float, seed: int) -> np.ndarray:
+        """Contribution (R,) of an error that the effects do not have, of an amplitude of either sign."""
+        return self.visible(self.slopes.columns([Parameter("truth", "", terms, 1e-4)]), strength, seed)
+
     def of_effect(self, effect: str, strength: float, seed: int = 0, site: str = "") -> np.ndarray:
         """Contribution (R,) of an effect of the pool, at its usual or its middle setting."""
         own = [v for v in self.known.variants[effect] if v.site == site and not isinstance(v.setting, str)]
@@ -167,6 +173,24 @@ class Bench:
         search = Search(p, self.known)
         search.run()
         return decide(search, self.pool, arguments(self.circumstances)), search
+
+    def decision(self, seed: int, contribution: np.ndarray | float = 0.0, gross: float = 0.0) -> Decision:
+        """The decision on a made-up problem."""
+        return self.decided(self.made_up(seed, contribution, gross))[0]
+
+    def number(self, site: Site, driver: Driver) -> int:
+        """Number of the first generic cell of a site with a driver."""
+        return next(k for k, q in enumerate(self.pool.cells) if (q.site, q.driver) == (site, driver))
+
+    def columns(self, number: int) -> np.ndarray:
+        """Columns (R, K) of the first set of a generic cell."""
+        return self.pool.columns[:, self.pool.sets[int(np.flatnonzero(self.pool.owner == number)[0])]]
+
+    def left_by(
+        self, site: Site, driver: Driver, axis: str, wanted: np.ndarray, frame: int | None = None
+    ) -> float:
+        """Least share of a function that the first cell of a site with a driver does not represent."""
+        return left_by(self.pool.cells[self.number(site, driver)], axis, wanted, frame)
 
     def places(self, decision: Decision) -> list:
         """Where a decision says that something is."""

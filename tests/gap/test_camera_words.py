@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from camera_sessions import camera_session
+from sessions import with_columns
 
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import _poses
@@ -23,9 +24,8 @@ def test_what_is_fixed_is_not_distinguishable_from_the_base(mount, other):
     assert beside_base(session, ["event", "base moment"]) == ""
     assert beside_base(session, []) == ""
     second = replace(session.targets[0], name="second")
-    both = np.where(np.arange(len(session.measurements.ids)) % 2, 0, 1)
-    m = replace(session.measurements, target=both)
-    two = replace(session, targets=(*session.targets, second), measurements=m)
+    target = np.where(np.arange(len(session.measurements.ids)) % 2, 0, 1)
+    two = with_columns(replace(session, targets=(*session.targets, second)), target=target)
     assert beside_base(two, ["event"]) == ""
 
 
@@ -37,28 +37,31 @@ def test_an_event_is_that_of_an_image():
     assert event_record(event, session)["image"] == "i2"
 
 
+def gap_of(causes, session, *named):
+    """A diagnosis that ends in a class of causes."""
+    verdict = SimpleNamespace(named=named, causes=causes)
+    return SimpleNamespace(dataset=session, verdict=verdict, advice=(), where=())
+
+
 def test_a_class_names_its_event_and_what_is_not_distinguishable():
     session = camera_session("fixed", images=4)
     causes = CauseClass((BASE,), (Driver("event"),), {"step": 0.6, "thermal-drift": 0.3})
     named = SimpleNamespace(effect="step", events=(Event(row=48, interval95=(48, 71)),))
-    verdict = SimpleNamespace(named=(named,), causes=causes)
-    text = _class(causes, SimpleNamespace(dataset=session, verdict=verdict, where=()))
+    text = _class(causes, gap_of(causes, session, named))
     assert "at the base or the fixed camera (these data do not distinguish them)" in text
     assert "from image i2 (row 49) on" in text
 
 
 def test_a_payload_is_not_said_to_vary():
     causes = CauseClass((TOOL,), (Driver("mass"),), {"payload": 0.6, "hardening": 0.3})
-    verdict = SimpleNamespace(named=(), causes=causes)
-    gap = SimpleNamespace(dataset=camera_session(images=4), verdict=verdict, advice=(), where=())
+    gap = gap_of(causes, camera_session(images=4))
     assert "varies with gravity of tool and payload" in _class(causes, gap)
     assert _separates(gap) == "measurements at the same poses with another known mass on the flange"
 
 
 def test_a_constant_is_not_said_to_vary():
     causes = CauseClass((PROBE,), (CONSTANT,), {"ball-radius": 0.5, "latency": 0.47})
-    verdict = SimpleNamespace(named=(), causes=causes)
-    gap = SimpleNamespace(dataset=camera_session(images=4), verdict=verdict, advice=(), where=())
+    gap = gap_of(causes, camera_session(images=4))
     members = "ball-radius (probability 0.50) or latency (probability 0.47)"
     assert _class(causes, gap) == f"Class of causes: an error at the probe: {members}"
     assert _separates(gap) == "measurements at other poses"
@@ -70,10 +73,8 @@ def test_a_constant_is_not_said_to_vary():
 def test_an_image_has_six_values(images, words):
     readings = np.random.default_rng(0).uniform(-1, 1, (18, 6))
     rows = np.arange(18)
-    scene = SimpleNamespace(
-        in_images=np.full(18, images),
-        dataset=SimpleNamespace(robot=SimpleNamespace(joint_names=tuple("abcdef"), n=6)),
-    )
+    robot = SimpleNamespace(joint_names=tuple("abcdef"), n=6)
+    scene = SimpleNamespace(in_images=np.full(18, images), dataset=SimpleNamespace(robot=robot))
     model = SimpleNamespace(size=50, scene=scene)
     session = SimpleNamespace(model=model, readings=readings, rows=rows, values_per_row=2.0)
     assert words in _poses(session)

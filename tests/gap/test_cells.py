@@ -11,8 +11,8 @@ from sessions import circumstances
 from bayescal.arm.chain import frames
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
-from bayescal.effects import Parameter, location, named, parameters_of
-from bayescal.effects.location import BASE, TOOL, Driver, joint
+from bayescal.effects import Parameter, named, parameters_of
+from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets, weighed_sets
 from bayescal.gap.linear.problem import Driven, Problem
 from bayescal.gap.linear.state import fit_state
@@ -35,17 +35,7 @@ def bench(cube):
     return bench_of(cube, 7, 180)
 
 
-@pytest.fixture(scope="module")
-def of(bench):
-    """The cells of a session by site and driver."""
-    return {(cell.site, cell.driver): cell for cell in reversed(bench.pool.cells)}
-
-
-def left(cell, frame, wanted):
-    return left_by(cell, "rz", wanted, frame)
-
-
-def test_a_torque_times_functions_of_angles_turns_its_own_link(bench, of):
+def test_a_torque_times_functions_of_angles_turns_its_own_link(bench):
     """A softer tooth of joint 3, a softer place of its range, and a joint that softens with another angle."""
     c = bench.circumstances
     load, angle = c.moments[:, 3, 2], c.q[:, 2]
@@ -54,15 +44,16 @@ def test_a_torque_times_functions_of_angles_turns_its_own_link(bench, of):
         x = c.readings[:, j]
         return np.cos(np.pi * k * (x - x.min()) / np.ptp(x))
 
-    own = of[joint(3), Driver("torque", 3, form="own angle")]
-    assert left(own, 3, load * np.sin(2 * angle + 0.4)) < 1e-12
-    assert left(own, 3, load * (half_wave(2, 1) + half_wave(2, 3))) < 1e-2
-    other = of[joint(3), Driver("torque", 3, form="other angle")]
-    assert left(other, 3, load * half_wave(4, 2)) < 1e-2
-    both = of[joint(3), Driver("torque", 3, form="and angle")]
-    assert left(both, 3, half_wave(2, 1) + load / np.std(load) * half_wave(2, 4)) < 1e-2
-    (own_set,) = both.sets
-    size = [np.max(np.abs(p.terms[0].driver)) for p in own_set[:5]]
+    for form, wanted, most in (
+        ("own angle", load * np.sin(2 * angle + 0.4), 1e-12),
+        ("own angle", load * (half_wave(2, 1) + half_wave(2, 3)), 1e-2),
+        ("other angle", load * half_wave(4, 2), 1e-2),
+        ("and angle", half_wave(2, 1) + load / np.std(load) * half_wave(2, 4), 1e-2),
+    ):
+        driver = Driver("torque", 3, form=form)
+        assert bench.left_by(joint(3), driver, "rz", wanted, 3) < most, form
+    (own,) = bench.pool.cells[bench.number(joint(3), driver)].sets
+    size = [np.max(np.abs(p.terms[0].driver)) for p in own[:5]]
     np.testing.assert_allclose(size, 1 / np.arange(1, 6), rtol=0.05)
 
 
@@ -82,7 +73,7 @@ def test_the_torque_of_any_masses_at_the_frames_is_in_the_cell_without_masses(da
     np.testing.assert_allclose(left, 0.0, atol=1e-9 * np.ptp(torque))
 
 
-def test_two_angles_are_multiplied_in_every_pair(bench, of):
+def test_two_angles_are_multiplied_in_every_pair(bench):
     """Twisting of a hollow wrist: an error that exists only where two joints are both turned."""
     c = bench.circumstances
     x = c.readings[c.fitted]
@@ -90,24 +81,24 @@ def test_two_angles_are_multiplied_in_every_pair(bench, of):
     u = np.clip((c.readings - low) / size, 0, 1)
     for a, b in ((0, 5), (3, 4), (1, 2)):
         wanted = np.cos(np.pi * u[:, a]) * np.cos(2 * np.pi * u[:, b])
-        assert left(of[joint(4), Driver("two angles")], 4, wanted) < 1e-12
-    assert len(of[joint(4), Driver("two angles")].sets) == 15
-    assert len(of[joint(2), Driver("two angles")].sets) == 30  # its reading turns link 3 too
+        assert bench.left_by(joint(4), Driver("two angles"), "rz", wanted, 4) < 1e-12
+    for j, count in ((4, 15), (2, 30)):  # the reading of joint 2 turns link 3 too
+        assert len(bench.pool.cells[bench.number(joint(j), Driver("two angles"))].sets) == count
 
 
 @pytest.mark.parametrize("order", [3.3, 7.0, 12.6, 19.5])
-def test_orders_between_harmonics_and_gear_mesh_are_all_near_one_of_the_scan(bench, of, order):
+def test_orders_between_harmonics_and_gear_mesh_are_all_near_one_of_the_scan(bench, order):
     angle = bench.circumstances.q[:, 4]
     wanted = np.sin(order * angle + 0.7)
     wanted -= wanted.mean()
-    assert left(of[joint(5), Driver("angle", 5, form="waves")], 5, wanted) < 0.35
+    assert bench.left_by(joint(5), Driver("angle", 5, form="waves"), "rz", wanted, 5) < 0.35
 
 
-def test_a_base_rocks_about_the_axis_of_its_moment(bench, of):
+def test_a_base_rocks_about_the_axis_of_its_moment(bench):
     """About x, y or a diagonal of an upright arm: where that moment passes zero or its median."""
     c = bench.circumstances
     moment = c.moments[:, 0] @ c.chain.base[:3, :3].T
-    found = [p for (p,) in of[BASE, Driver("base moment", form="sign")].sets]
+    cell = bench.pool.cells[bench.number(BASE, Driver("base moment", form="sign"))]
     for axis in np.array([[1, 0], [0, 1], [1, 1], [1, -1]], float):
         axis /= np.linalg.norm(axis)
         about = moment[:, :2] @ axis
@@ -117,7 +108,7 @@ def test_a_base_rocks_about_the_axis_of_its_moment(bench, of):
             assert any(
                 {t.axis for t in p.terms} == set(wanted)
                 and all(np.allclose(t.driver, wanted[t.axis]) for t in p.terms)
-                for p in found
+                for (p,) in cell.sets
             )
 
 
@@ -150,9 +141,8 @@ def test_a_tool_on_two_seats_is_unmodelled_at_the_tool(bench):
     for across in makers.at_tool(c)[:, 0]:
         seat = 1.0 if across > 0.2 else -1.0 if across < -0.2 else seat
         states.append(seat)
-    shift = Parameter("", "m", (Term(c.chain.n + 1, "ty", np.array(states)),), 1e-5)
-    p = bench.made_up(5, bench.visible(bench.slopes.columns([shift]), 200.0, 0))
-    decision, _ = bench.decided(p)
+    shift = Term(c.chain.n + 1, "ty", np.array(states))
+    decision = bench.decision(5, bench.of_terms(shift, strength=200.0, seed=0))
     assert decision.probability["unknown"] > 0.9
     place = next(w for w in bench.places(decision) if not w.explained_by)
     assert (place.site, place.driver) == (TOOL, Driver("gravity direction", form="past"))
@@ -210,12 +200,10 @@ def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
     np.testing.assert_allclose(same[unseen], np.minimum(wanted, 0)[unseen])
 
 
-def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
+def test_a_random_error_of_readings_is_found_at_its_joint(bench):
     """A drive that stops elsewhere every time, 50 µrad, seen by three contacts at each of its readings."""
     c = bench.circumstances
     thrice = np.repeat(np.arange(len(c.q) // 3), 3)
-    cell = of[joint(2), Driver("reading", 2)]
-    at = bench.pool.cells.index(cell)
     pool = replace(
         bench.pool,
         cells=tuple(
@@ -223,13 +211,13 @@ def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
             for q in bench.pool.cells
         ),
     )
-    column = bench.pool.columns[:, bench.pool.sets[int(np.flatnonzero(bench.pool.owner == at)[0])][0]]
+    column = bench.columns(bench.number(joint(2), Driver("reading", 2)))[:, 0]
     group = thrice[bench.problem.rows[bench.problem.contact]]
     every = np.random.default_rng(2).standard_normal(thrice.max() + 1)
     error = 0.5 * column[: bench.problem.count] * every[group]
     contribution = np.concatenate([error, np.zeros(len(column) - len(error))])
     there = replace(bench, pool=pool)
-    decision, _ = there.decided(bench.made_up(31, contribution))
+    decision = there.decision(31, contribution)
     assert decision.kind == "unknown"
     first = there.places(decision)[0]
     assert (str(first.site), first.driver) == ("joint 2", Driver("reading", 2))
@@ -262,11 +250,10 @@ def test_repetitions_tell_an_error_of_the_reading_from_one_of_the_pose(bench):
     assert only.driver == Driver("reading", 2)
 
 
-def test_what_depends_on_two_coordinates_is_found(bench, of):
-    cell = bench.pool.cells.index(of[joint(2), Driver("two angles")])
-    sets = np.flatnonzero(bench.pool.owner == cell)
+def test_what_depends_on_two_coordinates_is_found(bench):
+    sets = np.flatnonzero(bench.pool.owner == bench.number(joint(2), Driver("two angles")))
     own = bench.pool.sets[int(sets[len(sets) // 2])]
-    decision, _ = bench.decided(bench.made_up(61, bench.visible(bench.pool.columns[:, own], 300.0, seed=3)))
+    decision = bench.decision(61, bench.visible(bench.pool.columns[:, own], 300.0, seed=3))
     assert decision.kind in ("unknown", "named+unexplained")
     assert decision.probability["unknown"] > 0.9
     assert bench.places(decision)[0].site == joint(2)
@@ -280,13 +267,12 @@ def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(b
     h = search.hypotheses[frozenset(("encoder-scale",))]
     null = search.hypotheses[frozenset()].log_evidence
     site, driver = h.members[0].variant.places[0]
-    at = next(k for k, q in enumerate(bench.pool.cells) if (q.site, q.driver) == (site, driver.course))
+    at = bench.number(site, driver.course)
     (*_, strict), (*_, free) = unknown(h, bench.pool, null), unknown(h, bench.pool, h.log_evidence)
     assert strict[at].rival
     assert free[at].gain - strict[at].gain == pytest.approx(0.03 * (h.log_evidence - null))
-    elsewhere = next(
-        k for k, q in enumerate(bench.pool.cells) if q.site == joint(1) and not q.of_known_effect
-    )
+    elsewhere = bench.number(joint(1), Driver("two angles"))
+    assert not bench.pool.cells[elsewhere].of_known_effect
     assert free[elsewhere].gain == strict[elsewhere].gain
 
 
@@ -353,12 +339,8 @@ def test_drivers_that_are_alike_in_a_pose_are_kept_once(bench):
     left = rng.standard_normal((3, len(written)))
     size = np.max(np.abs(written), axis=0)
     for rows, columns in ((slice(None), slice(None)), (np.arange(0, len(written), 7), [4, 0, 2])):
-        np.testing.assert_allclose(
-            found[rows, columns] / size[columns],
-            written[rows][:, columns] / size[columns],
-            rtol=0,
-            atol=1e-12,
-        )
+        wanted = written[rows][:, columns] / size[columns]
+        np.testing.assert_allclose(found[rows, columns] / size[columns], wanted, rtol=0, atol=1e-12)
     np.testing.assert_allclose(left @ found / size, left @ written / size, rtol=0, atol=1e-10)
 
 
@@ -402,58 +384,30 @@ def forms_bench(cube):
     return bench_of(cube, 3, 120)
 
 
-def terms_of(c, effect, joint, side):
-    """Turns of a FANUC's second or third joint, written down without the effect: its own link, or both."""
-    values = c.velocity if effect == "backlash" else c.readings
-    shown = values[:, joint - 1]
-    passing = shown if (joint, side) != (3, "link") else values[:, 1] + values[:, 2]
-    if effect == "backlash":
-        passing = np.sign(passing)
-    sense = {2: 1.0, 3: -1.0}[joint]
-    terms = [Term(joint, "rz", sense * passing)]
-    if (joint, side) == (2, "reading"):
-        terms.append(Term(3, "rz", -passing))
-    return tuple(terms)
+def test_the_side_of_a_coupled_axis_is_found(forms_bench):
+    """Play on the side of the reading of a FANUC's third joint, which is written down without the effect.
 
-
-@pytest.mark.parametrize(("effect", "joint", "side"), [("backlash", 3, "reading")])
-def test_the_side_of_a_coupled_axis_is_found(forms_bench, effect, joint, side):
-    """The name, the joint and the side; and what `--model` takes is that very form."""
+    The name, the joint and the side; and what `--model` takes is that very form.
+    """
     c = forms_bench.circumstances
-    truth = Parameter("truth", "rad", terms_of(c, effect, joint, side), 1e-4)
-    column = forms_bench.slopes.columns([truth])
-    decision, _ = forms_bench.decided(forms_bench.made_up(1, forms_bench.visible(column, 800.0, 1)))
-    (member,) = decision.members
-    assert (member.effect, member.variant.site) == (effect, f"joint {joint}")
-    usual = named(model_name(member, forms_bench.known))[1] or "link"
-    assert usual == side
-    own = [
-        p
-        for p in parameters_of((model_name(member, forms_bench.known),), c)
-        if p.site == location.joint(joint) and p.effect != "tool"
-    ]
-    columns = forms_bench.slopes.columns(own)
-    np.testing.assert_allclose(
-        columns, member.scale * forms_bench.problem.pool[:, member.variant.columns], atol=1e-12
-    )
-
-
-def elevated(c, name):
-    """A wide elevation off the middle of a face."""
-    face = next(f for f in c.faces if f.name == name)
-    far = np.sum(((face.place - [0.3, -0.1]) / [0.5, 0.7]) ** 2, axis=1)
-    height = np.exp(-far / 2) * face.rows
-    return Parameter("truth", "m", (Term(CONTACT, "normal", -height),), 1e-5)
+    play = Term(3, "rz", -np.sign(c.velocity[:, 2]))
+    (member,) = forms_bench.decision(1, forms_bench.of_terms(play, strength=800.0, seed=1)).members
+    assert (member.effect, member.variant.site) == ("backlash", "joint 3")
+    name = model_name(member, forms_bench.known)
+    assert named(name)[1] == "reading"
+    own = [p for p in parameters_of((name,), c) if p.site == joint(3) and p.effect != "tool"]
+    wanted = member.scale * forms_bench.problem.pool[:, member.variant.columns]
+    np.testing.assert_allclose(forms_bench.slopes.columns(own), wanted, atol=1e-12)
 
 
 def test_an_elevation_of_a_face_is_no_wrong_certificate(forms_bench):
-    """It changes the mean height and the slopes of the face, which contradicts the certified ones."""
-    c = forms_bench.circumstances
-    name = c.faces[1].name
-    column = forms_bench.slopes.columns([elevated(c, name)])
-    decision, _ = forms_bench.decided(forms_bench.made_up(1, forms_bench.visible(column, 150.0, 1)))
+    """A wide one changes the mean height and the slopes of the face, which contradicts the certified ones."""
+    face = forms_bench.circumstances.faces[1]
+    far = np.sum(((face.place - [0.3, -0.1]) / [0.5, 0.7]) ** 2, axis=1)
+    height = Term(CONTACT, "normal", -np.exp(-far / 2) * face.rows)
+    decision = forms_bench.decision(1, forms_bench.of_terms(height, strength=150.0, seed=1))
     found = [(m.effect, m.variant.site, m.variant.setting) for m in decision.members]
-    assert (decision.kind, found) == ("named", [("plane-form", name, "raised")])
+    assert (decision.kind, found) == ("named", [("plane-form", face.name, "raised")])
     assert decision.probability["artefact"] < 0.05
 
 
@@ -467,20 +421,17 @@ def test_a_form_that_contradicts_a_certificate_has_a_fifth_of_the_prior_of_a_for
 
 def test_gravity_holds_a_joint_on_one_flank(forms_bench):
     """Neither motion alone nor torque alone decides: backlash, where it was hardening of both joints."""
-    c, joint = forms_bench.circumstances, 5
-    torque = c.torques[:, joint - 1]
+    c = forms_bench.circumstances
+    torque = c.torques[:, 4]
     friction = 0.3 * np.quantile(np.abs(torque[c.fitted]), 0.9)
-    way = np.sign(c.velocity @ c.robot.link_from_reading[joint - 1])
+    way = np.sign(c.velocity @ c.robot.link_from_reading[4])
     flank = np.sign(friction * way - torque)
     assert 0.1 < np.mean(flank != way) < 0.9
-    truth = Parameter("truth", "rad", (Term(joint, "rz", flank),), 1e-4)
-    decision, _ = forms_bench.decided(
-        forms_bench.made_up(1, forms_bench.visible(forms_bench.slopes.columns([truth]), 200.0, 1))
-    )
+    decision = forms_bench.decision(1, forms_bench.of_terms(Term(5, "rz", flank), strength=200.0, seed=1))
     (member,) = decision.members
     found = (decision.kind, member.effect, member.variant.site, member.variant.setting)
-    assert found == ("named", "backlash", f"joint {joint}", "held-30")
-    assert model_name(member, forms_bench.known).startswith(f"backlash@held-30 at joint {joint}")
+    assert found == ("named", "backlash", "joint 5", "held-30")
+    assert model_name(member, forms_bench.known).startswith("backlash@held-30 at joint 5")
 
 
 def test_other_forms_share_a_part_of_the_prior(forms_bench):
@@ -583,28 +534,28 @@ def test_a_face_shifts_only_where_contacts_of_it_are_before(bench):
 @pytest.mark.parametrize(
     ("site", "frame", "turns"), [("base", 0, 33.4), ("tool", 7, 7.1), ("probe", CONTACT, 20.3)]
 )
-def test_what_goes_to_and_fro_is_near_a_wave_of_any_rhythm(bench, of, site, frame, turns):
+def test_what_goes_to_and_fro_is_near_a_wave_of_any_rhythm(bench, site, frame, turns):
     """Faster than 20 periods a session too, and at tool and probe; two states are mostly a wave."""
     c = bench.circumstances
     x = np.arange(len(c.q)) if c.time is None else c.time
     state = np.sin(2 * np.pi * turns * x / np.ptp(x[c.fitted]) + 0.4)
-    cell = of[location.Site(site), Driver("time", form="to and fro")]
+    cell = bench.pool.cells[bench.number(Site(site), Driver("time", form="to and fro"))]
     wanted = state if site == "base" else np.sign(state)
     shares = [left_by(cell, axis, wanted, frame) for axis in ({t.axis for t in cell.sets[0][0].terms})]
     assert min(shares) < 0.55
 
 
-def test_a_defect_at_one_place_of_a_joint_has_a_cell(bench, of):
+def test_a_defect_at_one_place_of_a_joint_has_a_cell(bench):
     x = bench.circumstances.q[:, 2]
     bump = np.exp(-0.5 * ((x - np.quantile(x, 0.4)) / 0.07) ** 2)
-    assert left_by(of[joint(3), Driver("angle", 3, form="one place")], "rz", bump) < 0.3
+    assert bench.left_by(joint(3), Driver("angle", 3, form="one place"), "rz", bump) < 0.3
 
 
-def test_an_error_that_jumps_at_an_angle_has_a_cell(bench, of):
+def test_an_error_that_jumps_at_an_angle_has_a_cell(bench):
     x = bench.circumstances.readings[:, 3]
     for angle in np.quantile(x[bench.circumstances.fitted], [0.2, 0.45, 0.73]):
         wanted = np.where(x > angle, 1.0, -1.0)
-        assert left_by(of[joint(4), Driver("angle", 4, form="jump")], "rz", wanted) < 0.15
+        assert bench.left_by(joint(4), Driver("angle", 4, form="jump"), "rz", wanted) < 0.15
 
 
 def test_a_tool_that_a_load_has_bent_creeps_back(dataset):
@@ -649,12 +600,10 @@ def test_bodies_and_their_pieces_move_and_bend(dataset):
 def test_what_wanders_is_drawn_anew_in_blocks_of_rows(bench):
     """Not smoothly with time, and the same for rows that follow one another."""
     c = bench.circumstances
-    k, cell = next(
-        (k, cell) for k, cell in enumerate(bench.pool.cells)
-        if (cell.site, cell.driver) == (joint(2), Driver("count", form="blocks"))
-    )  # fmt: skip
+    place = joint(2), Driver("count", form="blocks")
+    k = bench.number(*place)
+    cell, column = bench.pool.cells[k], bench.columns(k)[:, 0]
     assert np.array_equal(cell.clusters, np.arange(len(c.q)) // CELLS.blocks[0])
-    column = bench.pool.columns[:, bench.pool.sets[int(np.flatnonzero(bench.pool.owner == k)[0])]][:, 0]
     drawn = 2.0 * np.random.default_rng(2).standard_normal(len(c.q))[cell.clusters]
     p = bench.problem
     moved = column.copy()
@@ -662,4 +611,4 @@ def test_what_wanders_is_drawn_anew_in_blocks_of_rows(bench):
     null = Search(bench.made_up(4, 3.0 * moved), bench.known).hypothesis(())
     _, _, fits = unknown(null, bench.pool, 0.0)
     best = bench.pool.cells[max((f for f in fits if f.rival), key=lambda f: f.gain).cell]
-    assert (best.site, best.driver) == (joint(2), Driver("count", form="blocks"))
+    assert (best.site, best.driver) == place

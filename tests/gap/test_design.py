@@ -11,23 +11,15 @@ import numpy as np
 import pytest
 from camera_sessions import camera_session
 from gap_diagnoses import diagnosis
-from sessions import with_columns
+from gap_problems import BASELINE
+from sessions import circumstances, with_columns
 
 from bayescal.effects import EFFECTS
 from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap import advise as advising
+from bayescal.gap import candidate_contacts
 from bayescal.gap.advise import blind_spots, distances, located, next_contacts, seats, unseen
-from bayescal.gap.candidate_contacts import (
-    AGAIN,
-    SPHERES,
-    PairSide,
-    contacts_of,
-    possibilities,
-    stated_masses,
-    turns,
-    widened,
-)
-from bayescal.gap.candidate_contacts import _poses as poses_of
+from bayescal.gap.candidate_contacts import AGAIN, SPHERES, contacts_of, possibilities, stated_masses
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
@@ -41,34 +33,39 @@ from bayescal.reporting.gap import first_contacts, table_of_contacts
 from bayescal.reporting.gap.record import contact_records, gap_record, write_gap
 from bayescal.simulation import Options, simulate
 
-BASE = ("geometry", "compliance")
 NONE = np.empty(0, int), np.empty(0)
-
-
-def fit(dataset) -> Estimate:
-    return estimate(build(Scene(dataset), BASE), robust=False)
-
-
-def refit(s: "Session", dataset) -> Estimate:
-    """Fit anew, at the noise as it was."""
-    model = build(Scene(dataset), BASE)
-    return replace(s.fitted, model=model, z=solve(model, s.fitted.weights, s.fitted.z)[0])
 
 
 class Session:
     def __init__(self, dataset):
-        self.dataset, self.fitted = dataset, fit(dataset)
+        self.dataset, self.fitted = dataset, estimate(build(Scene(dataset), BASELINE), robust=False)
         self.scene = self.fitted.model.scene
-        self.known = candidates(self.scene.circumstances(self.scene.rows("calibrate")), BASE)
+        self.known = candidates(circumstances(self.scene), BASELINE)
         self.problem = problem(self.fitted, self.known.pool)
         self.state = fit_state(self.problem, *NONE, robust=False)
         self.search = Search(self.problem, self.known)
         beside = problem(self.fitted, self.known.pool, stated_masses(self.fitted))
         self.with_masses = Search(beside, self.known)
 
+    def refit(self, dataset) -> Estimate:
+        """Of another session, at the noise as it was."""
+        model = build(Scene(dataset), BASELINE)
+        return replace(self.fitted, model=model, z=solve(model, self.fitted.weights, self.fitted.z)[0])
+
+    def linear(self, columns) -> np.ndarray:
+        """Errors of distances by columns of the pool."""
+        used = np.array(columns)
+        seen = project(self.state, self.problem.pool[:, used])
+        return distances(self.fitted, [self.known.pool[k] for k in used], used, seen)
+
     def rival(self, *named):
         """The same as `hypothesis`, beside errors of the stated masses."""
         return self.hypothesis(*named, search=self.with_masses)
+
+    def possible(self, words, *rivals):
+        """The intervention that has the words, to tell some hypotheses from each other."""
+        every = possibilities(self.fitted, self.known, [m for h in rivals for m in h.members])
+        return next(v for v in every if words in v.what)
 
     def hypothesis(self, *named, search=None):
         """Effects, each at a site ("" for all)."""
@@ -94,7 +91,7 @@ def cubes(cube):
 def states(s: Session) -> dict[int, tuple]:
     """Kind and z of every target, as fitted or as found."""
     model, out = s.fitted.model, {}
-    wide = Model(s.scene, BASE, model.parameters, (), ())
+    wide = Model(s.scene, BASELINE, model.parameters, (), ())
     values = model.deviations(s.fitted.z[model.slices[ARM]])
     for t, item in enumerate(s.dataset.targets):
         if item.name in model.block_of:
@@ -113,9 +110,9 @@ def with_effect(s: Session, parameter, size: float):
     wanted = np.zeros(len(m.ids))
     for step in range(3):
         scene = Scene(out)
-        own = build(scene, BASE).parameters
+        own = build(scene, BASELINE).parameters
         extra, values = ((parameter,), np.append(at, size)) if step else ((), at)
-        wide, readings = Model(scene, BASE, (*own, *extra), (), ()), out.measurements.readings.copy()
+        wide, readings = Model(scene, BASELINE, (*own, *extra), (), ()), out.measurements.readings.copy()
         for t, (kind, z) in found.items():
             rows = np.flatnonzero(m.target == t)
             block = wide.block(t, rows)
@@ -144,12 +141,6 @@ def certified(fitted: Estimate) -> np.ndarray:
     return np.array([np.linalg.norm(centre[a] - centre[b]) for a, b in pairs])
 
 
-def linear(s: Session, columns) -> np.ndarray:
-    used = np.array(columns)
-    seen = project(s.state, s.problem.pool[:, used])
-    return distances(s.fitted, [s.known.pool[k] for k in used], used, seen)
-
-
 @pytest.mark.parametrize(
     "name", ["bending J2 link z", "backlash J2", "eccentricity J1 sin", "ball-radius ball", "lobing cos"]
 )
@@ -157,9 +148,9 @@ def test_distances_of_spheres_err_as_after_a_refit(name):
     s = spheres()
     k = next(k for k, p in enumerate(s.known.pool) if p.name == name)
     parameter = s.known.pool[k]
-    moved = certified(refit(s, with_effect(s, parameter, parameter.sd))) - certified(s.fitted)
+    moved = certified(s.refit(with_effect(s, parameter, parameter.sd))) - certified(s.fitted)
     assert np.sqrt(np.mean(moved**2)) > 1e-7
-    np.testing.assert_allclose(moved, linear(s, [k])[:, 0], atol=0.05 * np.max(np.abs(moved)))
+    np.testing.assert_allclose(moved, s.linear([k])[:, 0], atol=0.05 * np.max(np.abs(moved)))
 
 
 def test_a_wrong_paper_moves_distances_as_after_a_refit():
@@ -169,25 +160,25 @@ def test_a_wrong_paper_moves_distances_as_after_a_refit():
     papers = tuple(
         replace(c, distance=c.distance - sd) if c.kind == "parallel" else c for c in s.dataset.certificates
     )
-    moved = certified(refit(s, replace(s.dataset, certificates=papers))) - certified(s.fitted)
-    np.testing.assert_allclose(moved, linear(s, [k])[:, 0], atol=0.05 * np.max(np.abs(moved)))
+    moved = certified(s.refit(replace(s.dataset, certificates=papers))) - certified(s.fitted)
+    np.testing.assert_allclose(moved, s.linear([k])[:, 0], atol=0.05 * np.max(np.abs(moved)))
 
 
 def test_without_spheres_distances_between_points_are_told(cubes):
     k = next(k for k, p in enumerate(cubes.known.pool) if p.name == "encoder-scale J2")
     parameter = cubes.known.pool[k]
     there = with_effect(cubes, parameter, parameter.sd)
-    fitted, scene = refit(cubes, there), Scene(there)
+    fitted, scene = cubes.refit(there), Scene(there)
     old, new = cubes.fitted.model, fitted.model
     rows = scene.rows("calibrate")
-    wide = Model(scene, BASE, (*new.parameters, parameter), (), ())
+    wide = Model(scene, BASELINE, (*new.parameters, parameter), (), ())
     values = np.append(old.deviations(cubes.fitted.z[old.slices[ARM]]), parameter.sd)
     believed = new.motion(rows).points(new.deviations(fitted.z[new.slices[ARM]]))
     true = wide.motion(rows).points(values)
     a, b = np.triu_indices(len(rows), 1)
     apart = [np.linalg.norm(p[:, a] - p[:, b], axis=0) for p in (believed, true)]
     error = (apart[0] - apart[1])[apart[1] > 50e-3]
-    told = np.sqrt(np.mean(linear(cubes, [k]) ** 2))
+    told = np.sqrt(np.mean(cubes.linear([k]) ** 2))
     assert np.sqrt(np.mean(error**2)) == pytest.approx(told, rel=0.2)
 
 
@@ -207,9 +198,8 @@ def test_the_smallest_amplitude_that_is_named():
     # the prior as rows: least squares of the columns on all that the model absorbs
     j = np.vstack([p.jacobian * white[:, None], np.eye(len(p.z))])
     for spot in spots:
-        site = next(
-            t for t in seats(s.known) if (t.effect, t.site, t.unit) == (spot.effect, spot.site, spot.unit)
-        )
+        place = spot.effect, spot.site, spot.unit
+        site = next(t for t in seats(s.known) if (t.effect, t.site, t.unit) == place)
         x = np.vstack([p.pool[:, site.columns] * white[:, None], np.zeros((len(p.z), len(site.columns)))])
         left = x - j @ np.linalg.lstsq(j, x, rcond=None)[0]
         strength = np.sum(left**2)
@@ -219,17 +209,13 @@ def test_the_smallest_amplitude_that_is_named():
         assert min(sd) * (1.0 - 1e-9) <= spot.plausible <= max(sd) * (1.0 + 1e-9)
         # the error of distances where all parameters of the site are drawn from their priors
         drawn = np.random.default_rng(0).standard_normal((4000, len(site.columns)))
-        off = drawn @ linear(s, site.columns).T
+        off = drawn @ s.linear(site.columns).T
         assert spot.distance_error == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.05)
 
 
 def test_what_is_named_no_longer_hides_and_absorbs():
     s = spheres()
-    h = (
-        s.hypothesis(("compliance", ""))
-        if "compliance" in s.known.variants
-        else s.hypothesis(("bending", ""))
-    )
+    h = s.hypothesis(("bending", ""))
     free = {b.effect: b for b in blind_spots(s.fitted, s.known, s.state)}
     beside = {b.effect: b for b in blind_spots(s.fitted, s.known, h.state, h.names)}
     assert "bending" not in beside
@@ -241,7 +227,7 @@ def test_what_is_named_no_longer_hides_and_absorbs():
 def brute(s: Session, dataset, true, rival) -> float:
     """Lambda of what `true` has beyond its rival, all contacts counting: dense least squares."""
     scene = Scene(dataset)
-    model, old = build(scene, BASE), s.fitted.model
+    model, old = build(scene, BASELINE), s.fitted.model
     found = {s.dataset.targets[t].name: (kind, z) for t, (kind, z) in states(s).items()}
     z, sigma = np.zeros(model.size), {}
     z[model.slices[ARM]] = s.fitted.z[old.slices[ARM]]
@@ -253,10 +239,9 @@ def brute(s: Session, dataset, true, rival) -> float:
         sigma[b.target] = np.tile(b.sigma, b.kind.rows)
     row = {b.target: np.ones(len(b.rows)) for b in model.blocks}
     scale = {b.group: 1.0 for b in model.blocks}
-    moved = replace(
-        s.fitted, model=model, z=z, weights=replace(s.fitted.weights, sigma=sigma, row=row, scale=scale)
-    )
-    known = candidates(scene.circumstances(s.scene.rows("calibrate")), BASE)
+    weights = replace(s.fitted.weights, sigma=sigma, row=row, scale=scale)
+    moved = replace(s.fitted, model=model, z=z, weights=weights)
+    known = candidates(scene.circumstances(s.scene.rows("calibrate")), BASELINE)
     beyond = [m for m in true.members if m.effect not in rival.names]
     at = np.concatenate([m.variant.columns for m in beyond])
     keep = [np.full(len(m.variant.columns), m in beyond) for m in true.members]
@@ -287,16 +272,14 @@ def test_lambda_grows_as_if_the_contacts_had_been_made(what):
     if what == SPHERES:
         dataset, rows = s.dataset, intervention.pose
     else:
-        dataset, appended = widened(s.scene, np.unique(interventions[0].pose))
+        dataset, appended = candidate_contacts.widened(s.scene, np.unique(interventions[0].pose))
         rows = next(v.rows for v in appended if what in v.what)
     chosen = rows[order]
-    role = np.where(
-        np.isin(np.arange(len(dataset.measurements.role)), chosen), "calibrate", dataset.measurements.role
-    )
+    role = dataset.measurements.role.copy()
+    role[chosen] = "calibrate"
     grown = with_columns(dataset, role=role)
     if what == SPHERES:  # the other contacts of those spheres are none the fit has
-        model = build(Scene(grown), BASE)
-        assert any(b.target.startswith("ball") for b in model.blocks)
+        assert any(b.target.startswith("ball") for b in build(Scene(grown), BASELINE).blocks)
     assert brute(s, s.dataset, true, rival) == pytest.approx(before, rel=1e-6)
     assert brute(s, grown, true, rival) == pytest.approx(after, rel=2e-2)
     assert after > before
@@ -305,9 +288,7 @@ def test_lambda_grows_as_if_the_contacts_had_been_made(what):
 def test_the_first_contact_is_the_best_of_all():
     s = spheres()
     a, b = s.rival(("bending", "link 2")), s.rival(("encoder-scale", "joint 2"))
-    intervention = next(
-        v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if "kg" in v.what
-    )
+    intervention = s.possible("kg", a, b)
     reached = []
     for k in range(len(intervention.pose)):
         ends = []
@@ -317,9 +298,8 @@ def test_the_first_contact_is_the_best_of_all():
                 side.add(np.array([row]))
             ends.append(side.strength)
         reached.append(min(ends))
-    order, after = advising.choose(
-        [intervention.side(a, b), intervention.side(b, a)], intervention.contact, intervention.pose, 1
-    )
+    both = [intervention.side(a, b), intervention.side(b, a)]
+    order, after = advising.choose(both, intervention.contact, intervention.pose, 1)
     assert order == [int(np.argmax(reached))]
     assert after == pytest.approx(max(reached))
 
@@ -332,11 +312,12 @@ def large(h, size=3.0):
 
 
 def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes, monkeypatch):
-    bent, scaled = cubes.rival(("bending", "link 2")), cubes.rival(("encoder-scale", "joint 2"))
-    play, wave = large(cubes.rival(("backlash", "joint 4")), 1.0), cubes.rival(("eccentricity", "joint 4"))
-    bent, scaled, wave = large(bent), large(scaled), large(wave)
+    bent, scaled = large(cubes.rival(("bending", "link 2"))), large(cubes.rival(("encoder-scale", "joint 2")))
+    wave, play = (cubes.rival((name, "joint 4")) for name in ("eccentricity", "backlash"))
+    wave, play = large(wave), large(play, 1.0)
     none = cubes.rival()
-    found = advising.advise(cubes.fitted, cubes.known, [(bent, scaled), (play, wave), (wave, none)])
+    pairs = [(bent, scaled), (play, wave), (wave, none)]
+    found = advising.advise(cubes.fitted, cubes.known, pairs)
     load = next(a for a in found if a.separates == ("bending", "encoder-scale"))
     assert "kg additional" in load.what
     assert load.lambda_after > 3 * load.lambda_before
@@ -345,20 +326,19 @@ def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes, monkeypatch):
     assert set(load.poses) <= readings
     assert any(a.separates == ("eccentricity", "noise only") for a in found)
     assert any("both directions" in a.what for a in found if a.separates[0] == "backlash")
-    small = [replace(h, state=replace(h.state, step=1e-4 * h.state.step)) for h in (bent, scaled)]
-    assert advising.advise(cubes.fitted, cubes.known, [(small[0], small[1])]) == ()
-    assert advising.advise(cubes.fitted, cubes.known, []) == ()
-    assert advising.advise(cubes.fitted, cubes.known, [(none, none)]) == ()
+    small = tuple(replace(h, state=replace(h.state, step=1e-4 * h.state.step)) for h in (bent, scaled))
+    for equal in ([small], [], [(none, none)]):
+        assert advising.advise(cubes.fitted, cubes.known, equal) == ()
     most = max(a.lambda_after - a.lambda_before for a in found)
     assert most + 0.1 < max(a.lambda_after for a in found)
     monkeypatch.setattr(advising, "DESIGN", replace(DESIGN, least=most + 0.1))
-    assert advising.advise(cubes.fitted, cubes.known, [(bent, scaled), (play, wave), (wave, none)]) == ()
+    assert advising.advise(cubes.fitted, cubes.known, pairs) == ()
 
 
 def test_turning_leaves_the_ball_where_it_is(cubes):
     rows = cubes.scene.rows("calibrate")[:20]
     start = cubes.scene.points[rows]
-    for way in turns(cubes.scene, rows):
+    for way in candidate_contacts.turns(cubes.scene, rows):
         assert np.all(np.linalg.norm(way, axis=1) > 0)
         m = cubes.dataset.measurements
         step = 1e-6 * way / np.linalg.norm(way, axis=1, keepdims=True)
@@ -374,9 +354,7 @@ def test_points_of_an_instrument_are_judged_too(tracker):
     assert spots
     assert all(b.distance_error >= 0 for b in spots)
     a, b = s.rival(("bending", "link 2")), s.rival(("encoder-scale", "joint 2"))
-    intervention = next(
-        v for v in possibilities(s.fitted, s.known, [*a.members, *b.members]) if v.what == AGAIN
-    )
+    intervention = s.possible(AGAIN, a, b)
     side = intervention.side(a, b)
     _, after = advising.choose([side], intervention.contact, intervention.pose, 10_000)
     assert after > 1.5 * intervention.side(a, b).strength
@@ -385,8 +363,7 @@ def test_points_of_an_instrument_are_judged_too(tracker):
 
 def test_contacts_are_advised_where_several_shifts_are_an_explanation():
     s, step = spheres(), EFFECTS["step"]
-    c = s.scene.circumstances(s.scene.rows("calibrate"))
-    singles = extended(s.known, step, [30.0, 70.0], c)
+    singles = extended(s.known, step, [30.0, 70.0], circumstances(s.scene))
     places = [v.places[0] for v in singles.variants["step"]]
     choice = [Single(row, *place) for row, place in zip((30.0, 70.0), places, strict=True)]
     known = with_own_settings(singles, step, [choice], 100)
@@ -410,6 +387,12 @@ def advised(dataset, what, velocity=None, payload=None):
     return SimpleNamespace(dataset=dataset, advice=(own,)), rows[[1, 0, 3]]
 
 
+def tabulated(gap):
+    """Contacts of the only advice, as in gap.json, and rows of their file."""
+    contacts = contact_records(gap.advice[0], 1, gap.dataset.robot)
+    return contacts, list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
+
+
 @pytest.fixture(scope="module")
 def dataset(cube):
     return cube(seed=1).dataset
@@ -418,8 +401,7 @@ def dataset(cube):
 def test_a_repeat_is_the_contact_of_the_session(dataset):
     m = dataset.measurements
     gap, rows = advised(dataset, AGAIN, m.velocity[[2, 7, 11, 30]])
-    contacts = contact_records(gap.advice[0], 1, gap.dataset.robot)
-    table = list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
+    contacts, table = tabulated(gap)
     assert [t["id"] for t in table] == ["next-1-001", "next-1-002", "next-1-003"]
     assert [t["repeat_of"] for t in table] == [m.ids[r] for r in rows]
     assert [t["target"] for t in table] == [dataset.targets[m.target[r]].name for r in rows]
@@ -437,8 +419,7 @@ def test_a_repeat_is_the_contact_of_the_session(dataset):
 def test_a_changed_condition_is_no_repeat(dataset, payload):
     velocity = -dataset.measurements.velocity[[2, 7, 11, 30]]
     gap, _ = advised(dataset, "more payload", velocity, np.full(4, payload))
-    contacts = contact_records(gap.advice[0], 1, gap.dataset.robot)
-    table = list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
+    contacts, table = tabulated(gap)
     assert {t["repeat_of"] for t in table} == {""}
     assert [float(t["payload_kg"]) for t in table] == [payload] * 3
     assert json.loads(json.dumps(contacts[0]))["payload_kg"] == payload
@@ -460,7 +441,7 @@ def test_residuals_of_a_contact_at_once_are_as_one_after_another():
     design, root = rng.standard_normal((20, 5)), rng.standard_normal((5, 5))
 
     def side():
-        return PairSide(1.0, root @ root.T, np.full(5, 0.3), design, np.arange(20.0))
+        return candidate_contacts.PairSide(1.0, root @ root.T, np.full(5, 0.3), design, np.arange(20.0))
 
     one, other, rows = side(), side(), np.array([2, 7, 8, 19])
     one.add(rows)
@@ -491,7 +472,7 @@ def test_corners_of_an_image_need_not_be_together_in_the_session():
     rows = {k: getattr(m, k)[mixed] for k in ("readings", "pixel", "stop")}
     session = with_columns(session, ids=tuple(np.array(m.ids)[mixed]), **rows)
     found = estimate(build(Scene(session), ("geometry",)))
-    chosen = poses_of(found)
+    chosen = candidate_contacts._poses(found)
     number, first = contacts_of(found.model.scene, chosen)
     assert len(first) == 5
     assert len(chosen) == 5 * 24 - len(found.rejected)

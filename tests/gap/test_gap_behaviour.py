@@ -9,7 +9,6 @@ from sessions import circumstances, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import EFFECTS, Parameter
-from bayescal.effects import EFFECTS as VOCABULARY
 from bayescal.effects.common import waves
 from bayescal.effects.location import Driver, face, joint
 from bayescal.effects.lost_motion import remaining
@@ -49,12 +48,12 @@ def names(decision):
 
 
 def test_nothing_is_named_where_there_is_nothing(bench):
-    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(2)]
+    named = [names(bench.decision(seed)) for seed in range(2)]
     assert not any(named), [n for n in named if n]
 
 
 def test_gross_contacts_name_nothing(bench):
-    decided = [bench.decided(bench.made_up(100 + seed, gross=0.03))[0] for seed in range(2)]
+    decided = [bench.decision(100 + seed, gross=0.03) for seed in range(2)]
     assert all(d.kind == "null" for d in decided)
     left_out = [d.hypothesis.state.gross for d in decided]
     assert np.mean(left_out) == pytest.approx(0.03 * COUNT, abs=1.0)
@@ -63,7 +62,7 @@ def test_gross_contacts_name_nothing(bench):
 @pytest.mark.parametrize("effect", ["latency", "second-harmonic"])
 def test_gross_contacts_hide_no_effect(bench, effect):
     """With them in the noise it is too small to be seen; without them it is as sure as without any."""
-    decision, _ = bench.decided(bench.made_up(5, bench.of_effect(effect, STRONG), gross=0.06))
+    decision = bench.decision(5, bench.of_effect(effect, STRONG), gross=0.06)
     assert (decision.kind, names(decision)) == ("named", [effect])
     assert decision.probability["null"] < 1e-6
 
@@ -71,7 +70,7 @@ def test_gross_contacts_hide_no_effect(bench, effect):
 @pytest.mark.parametrize("effect", NAMED_EFFECTS)
 def test_every_effect_is_named(bench, effect):
     k = NAMED_EFFECTS.index(effect)
-    decision, _ = bench.decided(bench.made_up(250 + k, bench.of_effect(effect, STRONG, seed=k)))
+    decision = bench.decision(250 + k, bench.of_effect(effect, STRONG, seed=k))
     assert (decision.kind, names(decision)) == ("named", [effect])
     assert effect in decision.credible
     assert sum(w.probability for w in decision.weighed) == pytest.approx(1.0)
@@ -80,16 +79,13 @@ def test_every_effect_is_named(bench, effect):
 def test_two_effects_at_once_are_both_named(bench):
     for k, pair in enumerate((("backlash", "thermal-drift"), ("lobing", "second-harmonic"))):
         there = sum(bench.of_effect(e, 2 * STRONG, seed=10 * k + i) for i, e in enumerate(pair))
-        decision, _ = bench.decided(bench.made_up(300 + k, there))
-        assert set(names(decision)) == set(pair)
+        assert set(names(bench.decision(300 + k, there))) == set(pair)
 
 
 def test_a_name_is_kept_by_the_stated_margin_over_an_unmodelled_effect(bench, monkeypatch):
     """Just below the nats that it gains over the cell it is named, just above it is not."""
-    column = bench.slopes.columns([Parameter("", "rad", (past(bench.circumstances, 5),), 1.0)])
-    there = bench.visible(column, 80.0, 0) + bench.of_effect("backlash", STRONG)
-    p = bench.made_up(3, there)
-    decision, search = bench.decided(p)
+    lagging = bench.of_terms(past(bench.circumstances, 5), strength=80.0, seed=0)
+    decision, search = bench.decided(bench.made_up(3, lagging + bench.of_effect("backlash", STRONG)))
     best = decision.weighed[0]
     assert best.effects == ("backlash", "unknown")
     (member,) = best.hypothesis.members
@@ -148,8 +144,7 @@ def past(c, joint, memory=90.0):
     ],
 )
 def test_what_sets_in_or_lags_is_unknown_where_it_is(bench, term, site, driver):
-    column = bench.slopes.columns([Parameter("", "rad", (term(bench.circumstances),), 1.0)])
-    decision, _ = bench.decided(bench.made_up(3, bench.visible(column, 200.0, 0)))
+    decision = bench.decision(3, bench.of_terms(term(bench.circumstances), strength=200.0, seed=0))
     assert decision.kind == "unknown", decision.probability
     left = next(w for w in bench.places(decision) if not w.explained_by)
     assert (str(left.site), str(left.driver)) == (site, driver)
@@ -160,20 +155,18 @@ def test_drift_of_one_joint_is_that_of_the_joint_and_of_all_that_of_the_arm(benc
     every = bench.known.variants["thermal-drift"]
     assert np.sum(np.exp([v.log_prior for v in every])) == pytest.approx(1.0)
     assert all(v.site == "" for v in every if isinstance(v.setting, str))
-    for site, of in (("joint 4", "joint 4"), ("", "")):
-        there = bench.of_effect("thermal-drift", STRONG, seed=3, site=site)
-        decision = bench.decided(bench.made_up(31, there))[0]
+    for site in ("joint 4", ""):
+        decision = bench.decision(31, bench.of_effect("thermal-drift", STRONG, seed=3, site=site))
         (member,) = decision.members
-        assert (member.effect, member.variant.site) == ("thermal-drift", of)
+        assert (member.effect, member.variant.site) == ("thermal-drift", site)
         # of one joint anything slow may do that; of all lengths it is heat
-        assert decision.kind == ("class" if of else "named")
-        assert (decision.probability["thermal-drift"] > 0.9) == (not of)
-        assert (decision.probability["unknown"] > 0.25) == bool(of)
+        assert decision.kind == ("class" if site else "named")
+        assert (decision.probability["thermal-drift"] > 0.9) == (not site)
+        assert (decision.probability["unknown"] > 0.25) == bool(site)
     common, *parts = (w for w in bench.places(decision) if w.explained_by)
     assert str(common.site) == "arm"
-    assert common.log_evidence > max(
-        w.log_evidence for w in parts
-    )  # of all sites, not of the growth of lengths alone
+    # of all sites, not of the growth of lengths alone
+    assert common.log_evidence > max(w.log_evidence for w in parts)
 
 
 def test_drift_of_one_joint_by_its_temperature_is_thermal(cube):
@@ -182,8 +175,7 @@ def test_drift_of_one_joint_by_its_temperature_is_thermal(cube):
     swing = 20.0 + 3.0 * np.cos(np.linspace(0.0, 7.0, len(dataset.measurements.ids)))
     bench = Bench.of(with_columns(dataset, temperature=swing))
     usual = next(v for v in bench.known.variants["thermal-drift"] if (v.site, v.setting) == ("joint 4", None))
-    there = bench.visible(bench.problem.pool[:, usual.columns], STRONG, 3)
-    decision = bench.decided(bench.made_up(31, there))[0]
+    decision = bench.decision(31, bench.visible(bench.problem.pool[:, usual.columns], STRONG, 3))
     assert decision.kind == "named"
     assert decision.probability["thermal-drift"] > 0.9
 
@@ -200,27 +192,20 @@ def test_what_comes_after_a_first_name_is_less_likely(bench):
 
 
 def test_a_defect_at_one_place_is_unknown_at_its_joint(dense):
-    c, joint = dense.circumstances, 3
-    angle = c.q[:, joint - 1]
+    angle = dense.circumstances.q[:, 2]
     bump = np.exp(-0.5 * ((angle - np.quantile(angle, 0.4)) / 0.07) ** 2)
-    tooth = dense.slopes.columns([Parameter("tooth", "rad", (Term(joint, "rz", bump),), 1.0)])
-    p = dense.made_up(joint, dense.visible(tooth, 300.0, 0))
-    decision, _ = dense.decided(p)
+    decision = dense.decision(3, dense.of_terms(Term(3, "rz", bump), strength=300.0, seed=0))
     assert decision.kind in ("unknown", "named+unexplained")
     assert decision.probability["unknown"] > 0.5
-    found = dense.places(decision)
-    left = [w for w in found if not w.explained_by]
-    assert str(left[0].site) == f"joint {joint}"
-    assert left[0].family_p_value < 1e-3
+    left = next(w for w in dense.places(decision) if not w.explained_by)
+    assert left.site == joint(3)
+    assert left.family_p_value < 1e-3
 
 
 def test_places_of_what_is_left_are_told_beside_many_names(bench):
     """Three named effects have nine places; what no name explains still has its own."""
-    there = sum(
-        bench.of_effect(e, 500.0, seed=k) for k, e in enumerate(("backlash", "eccentricity", "lobing"))
-    )
-    p = bench.made_up(5, there)
-    decision, _ = bench.decided(p)
+    three = enumerate(("backlash", "eccentricity", "lobing"))
+    decision = bench.decision(5, sum(bench.of_effect(e, 500.0, seed=k) for k, e in three))
     assert len(decision.members) >= 2
     found = bench.places(decision)
     assert sum(not w.explained_by for w in found) >= 2
@@ -229,13 +214,12 @@ def test_places_of_what_is_left_are_told_beside_many_names(bench):
 
 def test_gravity_waits_for_compliance(bench):
     """Nothing that acts through the joints' compliance is named as long as the joints are thought rigid."""
-    known = replace(
-        bench.known, variants=bench.known.variants | {"compliance": bench.known.variants["bending"]}
-    )
-    there = bench.of_effect("payload", STRONG)
-    decision, search = replace(bench, known=known).decided(bench.made_up(8, there))
+    variants = bench.known.variants
+    rigid = replace(bench.known, variants=variants | {"compliance": variants["bending"]})
+    p = bench.made_up(8, bench.of_effect("payload", STRONG))
+    decision, search = replace(bench, known=rigid).decided(p)
     for key in search.hypotheses:
-        assert "compliance" in key or not any("compliance" in VOCABULARY[name].requires for name in key)
+        assert "compliance" in key or not any("compliance" in EFFECTS[name].requires for name in key)
     assert "payload" not in names(decision) or "compliance" in names(decision)
 
 
@@ -245,16 +229,12 @@ SPOT, WIDTH = np.array([0.22, -0.18]), 0.2
 """Half extents of a face: between the centres that are tried."""
 
 
-def dent(bench, depth):
-    """Contribution (R,) of a dent of so many times the noise in the second face."""
-    own = bench.circumstances.faces[1]
-    spot = np.exp(-0.5 * np.sum(((own.place - SPOT) / WIDTH) ** 2, axis=1)) * own.rows
-    (column,) = bench.slopes.columns([Parameter("", "m", (Term(CONTACT, "normal", spot),), 1e-5)]).T
-    return depth * column / np.max(np.abs(column)), own.name
-
-
 def test_a_dent_is_found_beside_larger_outliers(dense):
-    there, name = dent(dense, 12.0)
+    """Of 12 times the noise, in the second face."""
+    own = dense.circumstances.faces[1]
+    spot = np.exp(-0.5 * np.sum(((own.place - SPOT) / WIDTH) ** 2, axis=1)) * own.rows
+    (column,) = dense.slopes.columns([Parameter("", "m", (Term(CONTACT, "normal", spot),), 1e-5)]).T
+    there = 12.0 * column / np.max(np.abs(column))
     p = dense.made_up(3, there, gross=0.02)
     null = fit_state(p, (), ())
     hit = np.flatnonzero(np.abs(there[: p.count]) > 4.0)
@@ -262,13 +242,13 @@ def test_a_dent_is_found_beside_larger_outliers(dense):
     decision, _ = dense.decided(p)
     assert decision.kind == "unknown"
     first = dense.places(decision)[0]
-    assert (first.site, first.driver) == (face(name), Driver("face", form="one spot"))
+    assert (first.site, first.driver) == (face(own.name), Driver("face", form="one spot"))
     assert first.family_p_value < 1e-3
     # the contacts that it explains count in its size, as far as the model does not absorb it
     bare = fit_state(without_nuisance(p, p.jacobian.shape[1]), (), (), robust=False)
     assert first.rms == pytest.approx(np.sqrt(np.mean(visible(bare, there) ** 2)), rel=0.12)
     assert np.isin(p.rows[p.contact[hit]], first.curve.rows).all()
-    assert np.all(dense.circumstances.faces[1].rows[first.curve.rows])  # its curve is that of the face
+    assert np.all(own.rows[first.curve.rows])  # its curve is that of the face
 
 
 def test_an_outlier_of_any_size_counts_as_one_at_the_limit(dense):
@@ -342,8 +322,6 @@ def test_an_aliased_ripple_is_not_assessed(c):
 
 # --- Readings before standstill are named `unsettled`, not backlash; backlash stays backlash.
 
-UNSETTLED_STRONG = 300.0
-
 
 def moving(dataset, seed=0):
     """The session with commands ahead of the readings, by a random part of 30 ms of the motion."""
@@ -359,8 +337,7 @@ def test_each_is_named_as_what_it_is(cube, by, effects):
     dataset = cube(seed=5, count=160).dataset
     bench = Bench.of(moving(dataset) if by == "commands" else dataset)
     for effect in effects:
-        decision, _ = bench.decided(bench.made_up(1, bench.of_effect(effect, UNSETTLED_STRONG, seed=1)))
-        assert names(decision) == [effect]
+        assert names(bench.decision(1, bench.of_effect(effect, 300.0, seed=1))) == [effect]
 
 
 def test_what_remains_of_the_motion(cube):

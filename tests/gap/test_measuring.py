@@ -70,9 +70,8 @@ def test_an_instrument_reads_wrong_by_its_distance_and_its_angles(session, away,
 
 
 def test_only_an_instrument_has_a_beam(cube):
-    contacts, images = (
-        circumstances(d) for d in (cube(seed=7, count=60).dataset, camera_session(images=8, seed=1))
-    )
+    sessions = cube(seed=7, count=60).dataset, camera_session(images=8, seed=1)
+    contacts, images = map(circumstances, sessions)
     assert [*beams(contacts), *beams(images), *region(images)] == []
     assert {cell.site.kind for cell in region(contacts)} == {"probe"}
 

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 from gap_problems import BASELINE, unsolved
-from made_up_errors import NOISE as made_up_errors_NOISE
+from made_up_errors import NOISE as SIGMA
 from made_up_errors import held
 from scipy.optimize import brentq
 from sessions import circumstances, plain, with_columns
@@ -36,12 +37,23 @@ from bayescal.reporting.text import measured
 ALIKE = ("hardening", "hysteresis")
 
 
+def variant(name, *places, columns=(), sites=()):
+    """A form of an effect that acts at some places."""
+    return Variant(name, None, sites, np.array(columns, int), 0.0, places)
+
+
 def weighed(*names, probability=0.0, score=0.0, cell=False):
     """A set of effects without a fit, perhaps with an unmodelled effect."""
-    places = {n: ((TOOL if n == "step" else PROBE, Driver(n)),) for n in names}
-    members = tuple(Member(Variant(n, None, (), np.zeros(0, int), 0.0, places[n]), 1.0, 0.0) for n in names)
+    forms = [variant(n, (TOOL if n == "step" else PROBE, Driver(n))) for n in names]
+    members = tuple(Member(form, 1.0, 0.0) for form in forms)
     found = CellFit(0, 1.0, 0, 1.0) if cell else None
     return verdict.Weighed(Hypothesis(members, None, 0.0, 0.0), found, 0.0, score, probability)
+
+
+def related(plain, probability):
+    """The same with a relative in place of its first name."""
+    relative = verdict.Related(plain.hypothesis.members[0], Driver("torque", 2), 9.0)
+    return replace(plain, probability=probability, related=relative)
 
 
 @pytest.mark.parametrize(
@@ -53,15 +65,10 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
 )
 def test_two_effects_along_one_coordinate_of_a_site_are_a_class(other, kind, members):
     """Together they fit any error by it, whatever their probabilities."""
-    places = (joint(3), Driver("angle", 3)), (joint(other.joint), other)
-    variants = (
-        Variant(n, None, (place[0],), np.zeros(0, int), 0.0, (place,))
-        for n, place in zip(("encoder-scale", "eccentricity"), places, strict=True)
-    )
-    best = replace(
-        weighed(probability=0.99),
-        hypothesis=Hypothesis(tuple(Member(v, 1.0, 0.0) for v in variants), None, 0.0, 0.0),
-    )
+    scale = variant("encoder-scale", (joint(3), Driver("angle", 3)), sites=(joint(3),))
+    wave = variant("eccentricity", (joint(other.joint), other), sites=(joint(other.joint),))
+    both = Hypothesis(tuple(Member(v, 1.0, 0.0) for v in (scale, wave)), None, 0.0, 0.0)
+    best = replace(weighed(probability=0.99), hypothesis=both)
     p = verdict.probabilities([best], best.names)
     found, names = verdict.verdict_of([best], p)
     assert (found, names) == (kind, best.names)
@@ -79,75 +86,29 @@ def test_an_effect_too_small_to_be_seen_is_the_set_without_it():
     assert found == pytest.approx(wanted, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("sets", "kind", "names"),
-    [
-        ([(("lobing",), 0.7), ((), 0.3)], "null", ()),
-        ([(("lobing",), 0.85), ((), 0.15)], "null", ()),
-        ([(("lobing",), 0.92), ((), 0.08)], "named", ("lobing",)),
-        ([(("lobing",), 0.7), (("lobing", "unknown"), 0.3)], "named+unexplained", ("lobing",)),
-        ([(("lobing",), 0.8), (("lobing", "unknown"), 0.2)], "named", ("lobing",)),
-        ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.25)], "ambiguous", ()),
-        # one of few effects that the data do not distinguish, if an unmodelled one is among them
-        ([(("lobing",), 0.7), (("step",), 0.26), (("unknown",), 0.04)], "named", ("lobing",)),
-        ([(("lobing",), 0.7), (("step",), 0.24), (("unknown",), 0.06)], "class", ("lobing",)),
-        ([(("lobing",), 0.76), (("step",), 0.18), (("unknown",), 0.06)], "named", ("lobing",)),
-        ([(("lobing",), 0.4), (("latency",), 0.15), (("unknown",), 0.45)], "class", ()),
-        # of another effect nearly as probable: a class where both are of one site
-        ([(("lobing",), 0.52), (("latency",), 0.48)], "class", ("lobing",)),
-        ([(("lobing",), 0.52), (("step",), 0.48)], "ambiguous", ()),
-        ([(("lobing",), 0.52), (("step",), 0.4), (("unknown",), 0.08)], "ambiguous", ()),
-        ([(("hysteresis", "lobing"), 0.52), (("hysteresis", "latency"), 0.48)],
-         "ambiguous", ("hysteresis",)),
-        ([(("lobing",), 0.7), (("latency",), 0.3)], "named", ("lobing",)),
-        # beside a doubtful effect only a nearly certain one is named
-        ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),
-        ([(("lobing", "step"), 0.45), (("lobing",), 0.3), (("latency",), 0.25)], "ambiguous", ()),
-        # a further effect counts, whichever it is
-        ([(("lobing",), 0.55), (("lobing", "step"), 0.45)], "named+unexplained", ("lobing",)),
-        ([(("lobing",), 0.7), (("lobing", "step"), 0.2), (("latency",), 0.1)], "named", ("lobing",)),
-        ([(("lobing",), 0.7), (("lobing", "step"), 0.16), (("lobing", "unknown"), 0.14)],
-         "named+unexplained", ("lobing",)),
-        ([(("unknown",), 0.6), (("lobing",), 0.4)], "unknown", ()),
-        # noise only is judged alike whatever else is probable
-        ([(("unknown",), 0.8), ((), 0.08), (("lobing",), 0.12)], "unknown", ()),
-        ([(("unknown",), 0.8), ((), 0.12), (("lobing",), 0.08)], "null", ()),
-        ([(("lobing",), 0.7), (("step",), 0.16), (("unknown",), 0.06), ((), 0.08)], "class", ("lobing",)),
-        ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.17), ((), 0.08)], "ambiguous", ()),
-        ([(("unknown",), 0.45), ((), 0.15), (("lobing",), 0.4)], "null", ()),
-        ([(("lobing", "unknown"), 0.85), ((), 0.15)], "null", ()),
-        ([(("unknown",), 0.4), (("lobing",), 0.35), (("step",), 0.25)], "ambiguous", ()),
-        ([(("lobing", "unknown"), 0.6), (("unknown",), 0.4)], "named+unexplained", ("lobing",)),
-        ([(("lobing", "unknown"), 0.45), (("unknown",), 0.55)], "named+unexplained", ()),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("sets", "kind", "names"), cases("names_of_sets"))
 def test_a_verdict_names_what_is_more_likely_than_not(sets, kind, names):
-    found = [
-        weighed(*(n for n in own if n != "unknown"), probability=p, cell="unknown" in own) for own, p in sets
-    ]
-    effects = {n for own, _ in sets for n in own}
-    assert verdict.verdict_of(found, verdict.probabilities(found, sorted(effects))) == (kind, names)
+    own = {of: [n for n in of.split(" + ") if n not in ("unknown", "noise only")] for of in sets}
+    found = [weighed(*own[of], probability=p, cell="unknown" in of) for of, p in sets.items()]
+    effects = sorted({n for of in own.values() for n in of})
+    assert verdict.verdict_of(found, verdict.probabilities(found, effects)) == (kind, tuple(names))
 
 
 def test_a_relative_of_a_name_is_an_unmodelled_effect_in_its_place():
     """The other names of the set stay, and the verdict is a class."""
     plain, other = weighed("lobing", "step", probability=0.2), weighed("lobing", probability=0.1)
-    members = plain.hypothesis.members
-    related = replace(plain, probability=0.7, related=verdict.Related(members[0], Driver("torque", 2), 9.0))
-    assert related.effects == ("step", "unknown")
-    p = verdict.probabilities([related, plain, other], ["lobing", "step"])
+    sets = [related(plain, 0.7), plain, other]
+    assert sets[0].effects == ("step", "unknown")
+    p = verdict.probabilities(sets, ["lobing", "step"])
     assert (p["lobing"], p["step"], p["unknown"]) == pytest.approx((0.3, 0.9, 0.7))
-    assert verdict.verdict_of([related, plain, other], p) == ("class", ("step",))
+    assert verdict.verdict_of(sets, p) == ("class", ("step",))
 
 
 def test_a_set_of_effects_is_listed_once():
     """A cell beside noise only, and a relative in place of an effect, both are an unmodelled effect alone."""
     plain = weighed("lobing", probability=0.2)
-    related = replace(
-        plain, probability=0.3, related=verdict.Related(plain.hypothesis.members[0], Driver("torque", 2), 9.0)
-    )
     cell = replace(weighed(probability=0.5, cell=True), log_evidence=40.0)
-    found = hypotheticals([cell, related, plain])
+    found = hypotheticals([cell, related(plain, 0.3), plain])
     assert [h.effects for h in found] == [("unknown",), ("lobing",)]
     assert [h.probability for h in found] == pytest.approx([0.8, 0.2])
     assert found[0].log_evidence == 40.0
@@ -185,14 +146,13 @@ def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind(
 
 def test_noise_only_is_a_member_of_the_credible_set_like_any_other():
     """It is listed where its probability is needed for nine tenths, and alone where nothing else is."""
-    some = [("lobing",), 0.6], [(), 0.35], [("step",), 0.05]
-    assert verdict.credible_set([weighed(*own, probability=p, score=p) for own, p in some]) == (
-        "lobing",
-        "null",
-    )
-    assert verdict.credible_set([weighed(probability=0.95), weighed("step", probability=0.05)]) == ("null",)
-    sure = [weighed("lobing", probability=0.95), weighed(probability=0.05)]
-    assert verdict.credible_set(sure) == ("lobing",)
+    for sets, credible in (
+        ({("lobing",): 0.6, (): 0.35, ("step",): 0.05}, ("lobing", "null")),
+        ({(): 0.95, ("step",): 0.05}, ("null",)),
+        ({("lobing",): 0.95, (): 0.05}, ("lobing",)),
+    ):
+        each = [weighed(*own, probability=p, score=p) for own, p in sets.items()]
+        assert verdict.credible_set(each) == credible
 
 
 def test_a_best_set_without_any_effect_is_null():
@@ -222,14 +182,9 @@ def test_only_confusable_effects_come_closer():
 def test_an_effect_of_an_improbable_hypothesis_is_no_rival_of_a_cell(behind, expected):
     """A cell gives away nats to an effect at its place, but not to one of odds below 1 to 100."""
     place = (joint(3), Driver("torque", 3))
-    there = Variant("hardening", None, (joint(3),), np.zeros(0, int), 0.0, (place,))
-    elsewhere = Variant(
-        "eccentricity", None, (joint(3),), np.zeros(0, int), 0.0, ((joint(3), Driver("angle", 3)),)
-    )
-    ranked = [
-        Hypothesis((Member(variant, 1.0, 0.0),), None, 60.0 - less, 0.0)
-        for variant, less in ((elsewhere, 0.0), (there, behind))
-    ]
+    elsewhere = variant("eccentricity", (joint(3), Driver("angle", 3)), sites=(joint(3),))
+    each = ((elsewhere, 60.0), (variant("hardening", place, sites=(joint(3),)), 60.0 - behind))
+    ranked = [Hypothesis((Member(v, 1.0, 0.0),), None, nats, 0.0) for v, nats in each]
     assert verdict.given_away(Cell(*place, ()), ranked) == expected
 
 
@@ -290,8 +245,12 @@ def found(cube):
     z[names.index("step x")], z[names.index("step z")] = 6.0, 8.0
     fitted = replace(fitted, z=z, covariance=0.05**2 * np.eye(len(z)))
     each = [Named(name, model, (), "", 1.0, 0.0) for name, model in SET_EFFECTS.items()]
-    gap = SimpleNamespace(where=(), dataset=None, amplitudes=amplitudes(fitted, fitted.covariance, each))
-    return gap, each
+    return gap_of(amplitudes(fitted, fitted.covariance, each)), each
+
+
+def gap_of(own, where=()):
+    """A diagnosis with these amplitudes."""
+    return SimpleNamespace(amplitudes=own, where=where, dataset=None)
 
 
 def test_values_of_parameters_that_are_set(found):
@@ -321,15 +280,13 @@ def test_only_what_is_significant_is_told(found):
 
     def said(*joints):
         own = [replace(a, significant=a.site in map(joint, joints)) for a in gap.amplitudes]
-        return named(each[1], SimpleNamespace(where=(), dataset=None, amplitudes=own))
+        return named(each[1], gap_of(own))
 
     each_has = "backlash in joints 2, 3 and 5 (each has lost motion on reversal; probability"
     assert said(2, 3, 5).startswith(each_has)
     assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
     assert said().startswith("at least one joint has lost motion")
-    none = SimpleNamespace(
-        amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=(), dataset=None
-    )
+    none = gap_of([replace(a, significant=False) for a in gap.amplitudes])
     assert [str(a.site) for a in stated(none, "backlash")] == ["joint 3"]
     assert lines(none)[1].endswith("deg, not significant alone")
     own = [a for a in none.amplitudes if a.effect == "backlash"]
@@ -372,7 +329,7 @@ def test_a_sum_is_told_whose_parts_are_not_significant(cube):
     ways = [moved(z + 0.01 * np.eye(len(z))[k]) - moved(z - 0.01 * np.eye(len(z))[k]) for k in own]
     u = 0.05 * np.linalg.norm(np.array(ways) / 0.02)
     assert (whole.value, whole.u) == pytest.approx((moved(z), u), rel=1e-3)
-    gap = SimpleNamespace(where=(), dataset=None, amplitudes=(*parts, whole))
+    gap = gap_of((*parts, whole))
     assert lines(gap)[0].startswith("backlash of the arm: displacement of the TCP by all of its parts, RMS ")
     assert named(each[0], gap).startswith("at least one joint has lost motion")
     fitted = replace(fitted, z=0.1 * z)
@@ -412,11 +369,9 @@ def problem(columns, contribution):
 
 def search_of(p, place=ELSEWHERE):
     """A search over one effect for each column of the pool."""
-    variants = {
-        f"effect {k}": (Variant(f"effect {k}", None, (), np.array([k]), 0.0, (place,)),)
-        for k in range(p.pool.shape[1])
-    }
-    pool = (Parameter("", "m", (), 1.0),) * p.pool.shape[1]
+    count = p.pool.shape[1]
+    variants = {f"effect {k}": (variant(f"effect {k}", place, columns=[k]),) for k in range(count)}
+    pool = (Parameter("", "m", (), 1.0),) * count
     return Search(p, Candidates(pool, variants, {}), robust=False)
 
 
@@ -540,21 +495,19 @@ def test_only_an_uncertain_effect_of_a_few_percent_of_the_variance_is_a_footnote
 
 # --- The name that a diagnosis prints is the model that it fitted: parameters, priors and numbers.
 
-BASE = ("geometry", "compliance")
 
-
-@pytest.mark.parametrize("baseline", [BASE, ("geometry",)])
+@pytest.mark.parametrize("baseline", [BASELINE, ("geometry",)])
 @pytest.mark.parametrize(("scale", "partial"), [(0.125, False), (1.0, False), (4.0, True)])
 def test_every_variant_has_a_name_that_is_its_parameters(cube, baseline, scale, partial):
     """Also where only some of the effect's parameters are assessed."""
     c = circumstances(cube(seed=1, count=48).dataset)
     known = candidates(c, baseline)
     names = set()
-    for variant in (v for own in known.variants.values() for v in own):
-        listed = replace(variant, partial=partial and not variant.together)
+    for v in (v for own in known.variants.values() for v in own):
+        listed = replace(v, partial=partial and not v.together)
         name = model_name(Member(listed, scale, 0.0), known)
-        own = [p for p in parameters_of((name,), c) if p.effect == variant.effect]
-        pool = [known.pool[k] for k in variant.columns]
+        own = [p for p in parameters_of((name,), c) if p.effect == v.effect]
+        pool = [known.pool[k] for k in v.columns]
         assert [p.name for p in own] == [p.name for p in pool], name
         assert [p.centre for p in own] == [p.nominal for p in pool], name
         assert [p.sd for p in own] == pytest.approx([scale * p.sd for p in pool]), name
@@ -593,7 +546,7 @@ def test_fit_with_the_printed_model_is_the_refit(lagging):
 
 def test_parts_that_are_not_named_stay_nominal():
     member = SimpleNamespace(effect="geometry", variant=SimpleNamespace(sites=(joint(4),)))
-    parts = parts_of(("geometry at joint 4", "geometry at link 3", "compliance at joint 4"), BASE)
+    parts = parts_of(("geometry at joint 4", "geometry at link 3", "compliance at joint 4"), BASELINE)
     assert still_without(parts, [member]) == parts[1:]
 
 
@@ -605,8 +558,8 @@ UNSURE = np.arange(60) < 6
 
 def errors(sure, unsure):
     """Rows with errors of these sizes, in units of the noise; six have 20 times the uncertainty."""
-    found = held(made_up_errors_NOISE * SCATTER * np.where(UNSURE, unsure, sure))
-    return replace(found, by_parameters=np.where(UNSURE, 20 * made_up_errors_NOISE, 0.0)[:, None])
+    found = held(SIGMA * SCATTER * np.where(UNSURE, unsure, sure))
+    return replace(found, by_parameters=np.where(UNSURE, 20 * SIGMA, 0.0)[:, None])
 
 
 def test_what_is_said_of_errors_that_increase():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gap_problems import bench_of, left_by
+from gap_problems import bench_of
 from sessions import with_columns
 
 from bayescal.arm.motion import CONTACT
@@ -33,11 +33,6 @@ def bench(cube):
     return bench_of(cube, 7, 180)
 
 
-def left(bench, site, driver, axis, wanted):
-    cell = next(q for q in bench.pool.cells if (q.site, q.driver) == (site, driver))
-    return left_by(cell, axis, wanted)
-
-
 def test_a_quantity_of_a_joint_is_multiplied_by_any_other(bench):
     """Errors that are written down here, of a speed or direction and of another quantity."""
     c = bench.circumstances
@@ -48,11 +43,11 @@ def test_a_quantity_of_a_joint_is_multiplied_by_any_other(bench):
     way = speed / np.hypot(speed, np.radians(0.03))
     tired = way * (1.0 + 0.5 * np.cos(2 * np.pi * angle[:, 4]))
     lag = speed * (0.2 + np.cos(np.pi * angle[:, 0]))
-    assert left(bench, joint(3), Driver("direction", 3, form="and another"), "rz", tired) < 1e-6
-    assert left(bench, joint(3), Driver("joint speed", 3, form="and another"), "rz", lag) < 1e-6
-    assert left(bench, joint(3), Driver("joint speed", 3, form="and another"), "rz", tired) > 1e-2
-    sagging = np.cos(np.pi * angle[:, 0])
-    assert left(bench, link(2), Driver("angle", 1), "ry", sagging) < 1e-6
+    by_way, by_speed = (Driver(kind, 3, form="and another") for kind in ("direction", "joint speed"))
+    assert bench.left_by(joint(3), by_way, "rz", tired) < 1e-6
+    assert bench.left_by(joint(3), by_speed, "rz", lag) < 1e-6
+    assert bench.left_by(joint(3), by_speed, "rz", tired) > 1e-2
+    assert bench.left_by(link(2), Driver("angle", 1), "ry", np.cos(np.pi * angle[:, 0])) < 1e-6
 
 
 def test_a_base_stays_where_its_clearance_lets_it(bench):
@@ -67,7 +62,7 @@ def test_a_base_stays_where_its_clearance_lets_it(bench):
         state = float(np.clip(state + 2 * (by.moment[row] - last) / width, -1.0, 1.0))
         place[row], last = state, by.moment[row]
     axis = "rx" if abs(by.axis[0]) > 0.5 else "ry"
-    assert left(bench, BASE, Driver("base moment", form="past"), axis, place) < 1e-6
+    assert bench.left_by(BASE, Driver("base moment", form="past"), axis, place) < 1e-6
 
 
 def test_a_contact_pushes_the_tool_aside_for_the_next_ones(bench):
@@ -77,15 +72,11 @@ def test_a_contact_pushes_the_tool_aside_for_the_next_ones(bench):
     for row in order:
         aside[row] = state
         state = CELLS.kept[1] * state + np.nan_to_num(c.approach)[row, 0]
-    assert left(bench, TOOL, Driver("contact direction", form="past"), "tx", aside) < 1e-9
+    assert bench.left_by(TOOL, Driver("contact direction", form="past"), "tx", aside) < 1e-9
 
 
 def test_a_trigger_that_hangs_errs_by_contact_direction_and_gravity(bench):
-    cell = next(
-        q
-        for q in bench.pool.cells
-        if (q.site, q.driver) == (PROBE, Driver("contact direction", form="and another"))
-    )
+    cell = bench.pool.cells[bench.number(PROBE, Driver("contact direction", form="and another"))]
     assert {t.frame for own in cell.sets for q in own for t in q.terms} == {CONTACT}
 
 

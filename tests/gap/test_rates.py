@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from chances import least, most
 from gap_problems import BASELINE, Bench, pool_of, unsolved
+from sessions import with_columns
 
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.state import fit_state
@@ -41,14 +42,12 @@ def noise_of(bench, seed):
     return replace(p, residual=drawn + noise)
 
 
+def scale_of(bench):
+    return Scale(bench.circumstances, 1e-10, bench.problem.jacobian.shape[1], bench.slopes)
+
+
 def placed(bench, state, pool):
-    size = bench.problem.jacobian.shape[1]
-    return places(
-        Hypothesis((), state, 0.0, 0.0),
-        pool,
-        bench.known.pool,
-        Scale(bench.circumstances, 1e-10, size, bench.slopes),
-    )
+    return places(Hypothesis((), state, 0.0, 0.0), pool, bench.known.pool, scale_of(bench))
 
 
 def test_locations_of_noise_are_significant_as_rarely_as_stated(bench):
@@ -79,8 +78,7 @@ def test_every_test_takes_its_share_of_the_margin(bench):
     variant = max(bench.known.variants["backlash"], key=lambda v: len(v.columns))
     state = fit_state(bench.made_up(3, bench.of_effect("backlash", 60.0)), variant.columns, np.ones(6))
     named = Hypothesis((Member(variant, 1.0, 0.0),), state, 0.0, 0.0)
-    size = bench.problem.jacobian.shape[1]
-    sites = places_named(named, bench.known.pool, Scale(bench.circumstances, 1e-10, size, bench.slopes))
+    sites = places_named(named, bench.known.pool, scale_of(bench))
     count = len(variant.columns)
     assert any(place.family_p_value < 1.0 for place in sites)
     for place in sites:
@@ -106,7 +104,7 @@ def test_bins_of_noise_deviate_as_rarely_as_stated(cube, monkeypatch):
     """Residuals drawn with the covariance that a fit and its predictions leave; the noise is uncertain."""
     session = cube(seed=20, count=100).dataset
     role = np.where(np.arange(100) % 5 == 4, "validate", "calibrate")
-    fitted = unsolved(replace(session, measurements=replace(session.measurements, role=role)), off=0.0)
+    fitted = unsolved(with_columns(session, role=role), off=0.0)
     j = fitted.linear.jacobian
     fitted = replace(fitted, covariance=np.linalg.inv(np.eye(j.shape[1]) + j.T @ j))
     held = validation_errors(fitted)

@@ -30,34 +30,35 @@ def bench(cube):
 
 def with_backlash(bench, by, seed, strength=400.0):
     """Noise and lost motion of joint 3, times a function (N,) of the rows; and what names it."""
-    variant = next(
-        v for v in bench.known.variants["backlash"] if v.setting is None and v.sites == (joint(3),)
-    )
-    column = bench.problem.pool[:, variant.columns]
-    row = bench.problem.rows[bench.problem.contact]
-    contribution = np.zeros(len(bench.problem.residual))
-    contribution[: bench.problem.count] = (column[: bench.problem.count] * by[row][:, None]).sum(axis=1)
+    forms, p = bench.known.variants["backlash"], bench.problem
+    variant = next(v for v in forms if v.setting is None and v.sites == (joint(3),))
+    contribution = np.zeros(len(p.residual))
+    contribution[: p.count] = p.pool[: p.count, variant.columns].sum(axis=1) * by[p.rows[p.contact]]
     contribution *= np.sqrt(strength / (contribution @ contribution))
     search = Search(bench.made_up(seed, contribution), bench.known)
     return search, search.hypothesis([Member(variant, 1.0, 0.0)]), search.hypothesis(())
 
 
-def gain(bench, by, seed):
-    """The relative of that name, over the evidence without it."""
-    _, named, null = with_backlash(bench, by, seed)
-    (found,) = relatives(
-        named, named.members, null.log_evidence, arguments(bench.circumstances), lambda m: null
-    )
+def relatives_of(bench, named, null, without=None):
+    """Relatives of the names of a hypothesis, over the evidence without it."""
+    given = arguments(bench.circumstances)
+    return list(relatives(named, named.members, null.log_evidence, given, lambda m: without or null))
+
+
+def relative(bench, by, seed, strength=400.0):
+    """The relative of that name."""
+    _, named, null = with_backlash(bench, by, seed, strength)
+    (found,) = relatives_of(bench, named, null)
     return found
 
 
 def test_an_error_that_a_name_only_resembles_has_a_relative(bench):
     """Lost motion in proportion to a load: the load is found, with nats that no true name leaves."""
     torque = bench.circumstances.torques[:, LOADED.joint - 1]
-    found = [gain(bench, np.abs(torque - np.median(torque)), seed) for seed in range(3)]
+    found = [relative(bench, np.abs(torque - np.median(torque)), seed) for seed in range(3)]
     assert min(r.gain for r in found) > 10.0
     assert {r.driver.joint for r in found} == {LOADED.joint}
-    plain = [gain(bench, np.ones(len(torque)), seed).gain for seed in range(8)]
+    plain = [relative(bench, np.ones(len(torque)), seed).gain for seed in range(8)]
     assert max(plain) < 2.0
     # the verdict on a relative is not the name
     search, _, _ = with_backlash(bench, np.abs(torque - np.median(torque)), 1)
@@ -69,21 +70,17 @@ def test_an_error_that_a_name_only_resembles_has_a_relative(bench):
 
 def test_a_name_that_explains_little_has_no_relatives(bench):
     _, named, null = with_backlash(bench, np.ones(len(bench.circumstances.q)), 0)
-    given = arguments(bench.circumstances)
     least = replace(null, log_evidence=named.log_evidence - RELATIVES.least)
-    assert list(relatives(named, named.members, null.log_evidence, given, lambda m: least))
+    assert relatives_of(bench, named, null, least)
     less = replace(least, log_evidence=least.log_evidence + 1e-6)
-    assert not list(relatives(named, named.members, null.log_evidence, given, lambda m: less))
+    assert not relatives_of(bench, named, null, less)
 
 
 def test_a_name_is_as_sure_as_the_data_exclude_that_another_quantity_drives_it(bench):
     """Lost motion in proportion to a load, and one that is not: either is excluded if the other is true."""
     c = bench.circumstances
     load = np.abs(c.torques[:, 1]) / rms(c.torques[c.fitted, 1])
-    _, named, null = with_backlash(bench, load, 0, strength=90.0)
-    (loaded,) = relatives(named, named.members, null.log_evidence, arguments(c), lambda m: null)
-    _, plain, none = with_backlash(bench, np.ones(len(load)), 0, strength=90.0)
-    (excluded,) = relatives(plain, plain.members, none.log_evidence, arguments(c), lambda m: none)
+    loaded, excluded = (relative(bench, by, 0, strength=90.0) for by in (load, np.ones(len(load))))
     assert loaded.driver.joint == LOADED.joint
     assert loaded.gain > 0.0 > np.log(0.2) > excluded.gain
 
@@ -94,9 +91,7 @@ def test_an_error_of_a_certificate_has_no_relatives(bench):
     search = Search(bench.made_up(0), bench.known)
     named = search.hypothesis([Member(variant, 1.0, 0.0)])
     low = replace(search.hypothesis(()), log_evidence=named.log_evidence - 50.0)
-    assert not list(
-        relatives(named, named.members, low.log_evidence, arguments(bench.circumstances), lambda m: low)
-    )
+    assert not relatives_of(bench, named, low)
 
 
 @pytest.mark.parametrize("value", [-3.0, -0.5, 0.0, 2.0])
@@ -131,8 +126,7 @@ def test_a_cell_of_an_effect_is_a_rival_where_the_vocabulary_lacks_the_effect(
 
 def test_a_tool_has_cells_by_the_direction_of_gravity(bench):
     """In its own frame, which turns with the arm; sets that flip, and sets along one axis."""
-    c = bench.circumstances
-    cell = next(x for x in cells(c) if (x.site, x.driver) == (TOOL, Driver("gravity direction")))
+    cell = bench.pool.cells[bench.number(TOOL, Driver("gravity direction"))]
     linear, *flips = cell.sets[:4]
     size = np.sqrt(sum(np.asarray(q.terms[0].driver) ** 2 for q in linear[::3]))
     assert np.allclose(size, 1.0)

@@ -7,47 +7,13 @@ import mujoco
 import numpy as np
 import pandas as pd
 import yaml
+from cases import file_text
 from scipy.signal import lfilter
 
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 
-ARM = """
-joints:
-  - name: A
-    origin_mm: [0, 0, 200]
-    mass_kg: 4
-    centre_of_mass_mm: [0, -20, -30]
-    inertia_kgm2: [0.03, 0.03, 0.02, 0, 0, 0]
-    armature_kgm2: 0.5
-    coulomb_Nm: 3
-    viscous_Nms_per_rad: 2
-    rated_torque_Nm: 60
-    gear_ratio: 100
-  - name: B
-    origin_mm: [0, 50, 0]
-    rpy_deg: [90, 0, 0]
-    mass_kg: 5
-    centre_of_mass_mm: [150, 0, 40]
-    inertia_kgm2: [0.02, 0.1, 0.1, 0, 0, 0]
-    armature_kgm2: 0.5
-    coulomb_Nm: 3
-    viscous_Nms_per_rad: 3
-    rated_torque_Nm: 60
-    gear_ratio: 100
-  - name: C
-    origin_mm: [300, 0, 0]
-    mass_kg: 2
-    centre_of_mass_mm: [100, 10, 0]
-    inertia_kgm2: [0.005, 0.03, 0.03, 0, 0, 0]
-    armature_kgm2: 0.2
-    coulomb_Nm: 1.5
-    viscous_Nms_per_rad: 1
-    rated_torque_Nm: 30
-    gear_ratio: 80
-friction_transition_degps: 1.719
-payload: {centre_of_mass_mm: [150, 0, 20], radius_of_gyration_mm: 30}
-"""
+ARM = file_text("three_joints.yaml")
 RATE, SECONDS = 60.0, 9.0
 SIGMA = np.array([0.08, 0.08, 0.04])
 
@@ -74,6 +40,11 @@ def model_of(mechanism):
     return mujoco.MjModel.from_xml_string(xml)
 
 
+def nominal():
+    """The arm as it is stated."""
+    return written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
+
+
 def inverse(model, q, dq, ddq, gravity=(0, 0, -9.81)):
     """Torques (N, n) of MuJoCo's inverse dynamics."""
     data = mujoco.MjData(model)
@@ -84,6 +55,11 @@ def inverse(model, q, dq, ddq, gravity=(0, 0, -9.81)):
         mujoco.mj_inverse(model, data)
         out[k] = data.qfrc_inverse
     return out
+
+
+def beyond_nominal(arm, q, dq, ddq):
+    """Torques (N, n) of an arm, less those of the stated one."""
+    return inverse(model_of(arm), q, dq, ddq) - inverse(model_of(nominal()), q, dq, ddq)
 
 
 def path(seed, late=0.0):
@@ -105,6 +81,12 @@ def read_commands(path):
     table = pd.read_csv(path, dtype={"motion": str})
     parts = table.groupby("motion", sort=False)
     return [(n, p["t_s"].to_numpy(), np.radians(p.filter(regex="^q").to_numpy())) for n, p in parts]
+
+
+def of_rows(motion, rows):
+    """A motion with some of its rows."""
+    columns = ("time", "position", "torque", "payload")
+    return replace(motion, **{name: getattr(motion, name)[rows] for name in columns})
 
 
 LOADS = (0, 0, 0, 0, 0.8, 0.8, 0, 0.8)
@@ -129,9 +111,7 @@ def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
     )
     joints = [form.format(j) for form in ("q{}_deg", "torque{}_Nm") for j in (1, 2, 3)]
     head = ["t_s", "motion", *joints, "payload_kg"]
-    rows = []
-    true = truth(rng)
-    clock = 0.0
+    rows, true, clock = [], truth(rng), 0.0
     for k, load in enumerate(loads):
         of = 100 * seed + (0 if k < 2 else k)
         t, q, dq, ddq = path(of)
@@ -153,9 +133,8 @@ def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
 
 def truth(rng):
     """Torques of an arm whose masses and friction differ from nominal within the priors."""
-    nominal = written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
-    share = 1.0 + 0.08 * rng.standard_normal(3)
-    true = replace(nominal, mass=nominal.mass * share, inertia=nominal.inertia * share[:, None, None])
+    arm, share = nominal(), 1.0 + 0.08 * rng.standard_normal(3)
+    true = replace(arm, mass=arm.mass * share, inertia=arm.inertia * share[:, None, None])
     model = model_of(true)
     loaded = {}
 
@@ -173,7 +152,7 @@ def truth(rng):
             whole = replace(true, mass=masses, centre=centres, inertia=inertia)
             loaded[load] = model_of(whole) if load else model
         out = inverse(loaded[load], q, dq, ddq)
-        return out + nominal.armature * ddq + nominal.coulomb * np.tanh(dq / 0.03) + nominal.viscous * dq
+        return out + arm.armature * ddq + arm.coulomb * np.tanh(dq / 0.03) + arm.viscous * dq
 
     return torque
 

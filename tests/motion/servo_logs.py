@@ -63,6 +63,11 @@ def servo_log(mechanism, truth, stated=True, torque=True, further=None, motions=
     )  # fmt: skip
 
 
+def without_stiffness(log):
+    """The same log, which does not state the stiffness of its controller."""
+    return replace(log, controller=replace(log.controller, stiffness=None))
+
+
 def another(mechanism):
     """An arm of other masses and friction than nominal."""
     share = np.array([1.1, 0.93, 1.08])

@@ -12,16 +12,7 @@ from scipy.stats import t as student_t
 from bayescal.logs.types import CALIBRATE, TORQUE, VALIDATE
 from bayescal.motion import beside as causes
 from bayescal.motion.bank import Product
-from bayescal.motion.beside import (
-    Relative,
-    _free,
-    beside,
-    events,
-    in_place_of_a_name,
-    relative,
-    simplified,
-    surprise,
-)
+from bayescal.motion.beside import Relative, beside, simplified
 from bayescal.motion.diagnose import _place
 from bayescal.motion.dynamics import Loads
 from bayescal.motion.effects import BODY_ON_IT, DENSE, EFFECTS, Form, Waves
@@ -46,8 +37,11 @@ def with_error(pool, error):
 
 
 def search_of(pool):
-    noise = pool.estimate.noise
-    return pool.search(normal(pool.table, noise))
+    return pool.search(normal(pool.table, pool.estimate.noise))
+
+
+def bank_of(pool):
+    return pool.bank(pool.estimate.noise)
 
 
 def at_joint(values, j, like):
@@ -55,21 +49,20 @@ def at_joint(values, j, like):
 
 
 def best_products(pool, count=3):
-    search = search_of(pool)
-    (gains,) = pool.bank(pool.estimate.noise).gains([search.fit()])
+    (gains,) = bank_of(pool).gains([search_of(pool).fit()])
     ranked = sorted(gains, key=lambda g: -g[1])
     return [(p.form.site, p.form.driver) for p, _ in ranked[:count]], ranked[0][1]
 
 
 def test_in_a_null_log_general_functions_gain_little(pool):
-    (gains,) = pool.bank(pool.estimate.noise).gains([search_of(pool).fit()])
+    (gains,) = bank_of(pool).gains([search_of(pool).fit()])
     nats = np.array([value for _, value in gains])
     assert len(nats) > 500
     assert np.log(np.mean(np.exp(nats))) < 1.0
 
 
 def test_gains_beside_several_fits_are_those_beside_each(pool):
-    bank, search = pool.bank(pool.estimate.noise), search_of(pool)
+    bank, search = bank_of(pool), search_of(pool)
     members = [Member(form, 1.0) for form, _ in search.forms[:2]]
     fits = [search.fit(members), search.fit(members[:1]), search.fit(members[1:])]
     apart = [bank.gains([fit])[0] for fit in fits]
@@ -211,7 +204,7 @@ def test_events_are_found_where_they_are(pool, monkeypatch):
         return at_joint(s.kept(pulse) * (0.25 if s.role == CALIBRATE else 0.0), 2, part.residual)
 
     changed = with_error(pool, error)
-    found = events(changed.bank(pool.estimate.noise), search_of(changed).fit())
+    found = causes.events(bank_of(changed), search_of(changed).fit())
     form, nats, columns = max(found, key=lambda e: e[1])
     assert (form.effect, form.site) == (UNKNOWN, "joint 3")
     assert nats > 30.0
@@ -224,10 +217,10 @@ def test_events_are_found_where_they_are(pool, monkeypatch):
         if part.signals.role == CALIBRATE:
             begins = part.signals.kept(part.signals.time)[np.argmax(np.max(np.abs(x[2]()), axis=1) > 0.1)]
             assert begins == pytest.approx(where[part.signals.name], abs=0.15)
-    assert not list(events(pool.bank(pool.estimate.noise), search_of(pool).fit()))
+    assert not list(causes.events(bank_of(pool), search_of(pool).fit()))
     # in a slow log a short pulse is like a wrong reading
     monkeypatch.setattr(causes, "EVENTS", replace(EVENTS, samples=1.01 / pool.table.parts[0].signals.step))
-    assert not list(events(changed.bank(pool.estimate.noise), search_of(changed).fit()))
+    assert not list(causes.events(bank_of(changed), search_of(changed).fit()))
 
 
 @pytest.mark.parametrize("varies", [False, True])
@@ -242,7 +235,7 @@ def test_a_name_is_as_sure_as_its_relatives_allow(pool, varies):
     search = search_of(changed)
     form = next(f for f, _ in search.forms if (f.effect, f.site) == ("load-friction", "joint 2"))
     member = Member(form, 1.0)
-    r = relative(changed.bank(pool.estimate.noise), search, [member], member)
+    r = causes.relative(bank_of(changed), search, [member], member)
     if varies:
         assert r.gain > 20.0
         assert r.form.driver == "torque times direction times angle of joint 1"
@@ -322,11 +315,12 @@ def test_a_general_function_must_explain_more_than_the_name_in_whose_place_it_is
     null, name, other = hypothesis(0.0), hypothesis(900.0, "torque-drift"), hypothesis(5.0, "payload")
     cell, beside_it = hypothesis(905.0, UNKNOWN), hypothesis(920.0, "torque-drift", UNKNOWN)
     every = (null, name, other, cell, beside_it)
-    assert in_place_of_a_name(cell, every).log_evidence == pytest.approx(905.0 - SEARCH.instead * 900.0)
+    less = causes.in_place_of_a_name(cell, every).log_evidence
+    assert less == pytest.approx(905.0 - SEARCH.instead * 900.0)
     # of two names there is none whose place it takes
-    assert [in_place_of_a_name(h, every) for h in (null, name, beside_it)] == [null, name, beside_it]
+    assert [causes.in_place_of_a_name(h, every) for h in (null, name, beside_it)] == [null, name, beside_it]
     both = hypothesis(940.0, "payload", "torque-drift")
-    less = in_place_of_a_name(beside_it, (*every, both)).log_evidence
+    less = causes.in_place_of_a_name(beside_it, (*every, both)).log_evidence
     assert less == pytest.approx(920.0 - SEARCH.instead * 40.0)
 
 
@@ -334,8 +328,8 @@ def test_a_row_that_is_far_off_is_as_surprising_as_the_tails_of_all_rows_make_it
     rng = np.random.default_rng(3)
     normal, heavy = rng.standard_normal(20_000), student_t(4).rvs(20_000, random_state=rng) / np.sqrt(2.0)
     far = np.array([0.1, 8.0])
-    assert surprise(normal)(far) == pytest.approx(0.5 * far**2, rel=0.1)
-    assert surprise(heavy)(far)[1] == pytest.approx(-2.5 * -np.log1p(8.0**2 / 2.0), rel=0.1)
+    assert causes.surprise(normal)(far) == pytest.approx(0.5 * far**2, rel=0.1)
+    assert causes.surprise(heavy)(far)[1] == pytest.approx(-2.5 * -np.log1p(8.0**2 / 2.0), rel=0.1)
 
 
 def test_names_that_no_longer_pay_for_their_prior_beside_an_unknown_cause_are_left_out():
@@ -365,8 +359,8 @@ def test_names_that_no_longer_pay_for_their_prior_beside_an_unknown_cause_are_le
     assert simplified(Gained(), (other, whole)) == (other, whole)
 
 
-def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_estimate):
-    search = pool.search(normal(pool.table, null_estimate.noise))
+def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool):
+    search = search_of(pool)
     every = next(f for f in search.terms if f.effect == "torque-constant" and f.of_each)
     single = replace(every, site="joint 2", setting=every.setting.removesuffix(", in all joints"))
     single = replace(single, setting="" if single.of_each else single.setting)
@@ -394,13 +388,13 @@ def test_free_relatives_of_a_name_are_weighed_among_those_of_its_joint():
     own = [(product("joint 1", 0, "a"), 3.0), (product("joint 1", 0, "b"), 5.0)]
     others = [(product(f"joint {k}", i, "c"), 9.0) for k, i in ((1, 1), (1, 2), (2, 2), (2, 0))]
     member = Member(Form("ripple", "joint 1", "motor angle"), 1.0)
-    best, nats = _free(bank, member, own)
+    best, nats = causes._free(bank, member, own)
     assert best.form.driver == "b"
     for gains in (own + others, 2 * own, others + own):
-        found, same = _free(bank, member, gains)
+        found, same = causes._free(bank, member, gains)
         assert found.form == best.form
         assert same == pytest.approx(nats)
-    assert _free(bank, member, others) is None
+    assert causes._free(bank, member, others) is None
 
 
 def test_no_harmonic_of_a_ripple_is_expected_to_be_larger_than_the_first(pool):

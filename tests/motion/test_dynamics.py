@@ -5,7 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from motion.made import inverse, model_of
+from motion.made import inverse, model_of, of_rows
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
@@ -19,17 +19,22 @@ from bayescal.motion.signals import all_signals
 from bayescal.motion.terms import ALL, FORM, Term, assembled, baseline, nominal
 from bayescal.robots import load_robot
 
+UR5E = load_robot("universal-robots-ur5e")[0]
+GRAVITY = np.array([1.0, -2.0, -9.0])
+
 
 def some(n, seed=0):
     return np.random.default_rng(seed).normal(size=(3, 7, n))
 
 
+def torque_of(m, q, dq, ddq, gravity=GRAVITY):
+    """Torques (N, n) of a mechanism by its regressor."""
+    return np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, gravity), m.inertials)
+
+
 def test_torques_are_those_of_mujoco(null_log):
     m = read_log(null_log).mechanism
-    q, dq, ddq = some(3)
-    gravity = np.array([1.0, -2.0, -9.0])
-    torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, gravity), m.inertials)
-    assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq, gravity), abs=1e-10)
+    assert torque_of(m, *some(3)) == pytest.approx(inverse(model_of(m), *some(3), GRAVITY), abs=1e-10)
     # a payload is a body of its mass
     assert payload_of(m) == pytest.approx(inertial(1.0, m.payload_centre, 0.03**2 * np.eye(3)))
 
@@ -37,9 +42,9 @@ def test_torques_are_those_of_mujoco(null_log):
 def test_what_base_and_tool_carry_is_that_of_mujoco(null_log):
     m = read_log(null_log).mechanism
     q, dq, ddq = some(3)
-    gravity, model = np.array([1.0, -2.0, -9.0]), model_of(m)
-    loads = Loads.of(m, (q, dq, ddq), gravity, m.inertials, np.zeros(7))
-    assert loads.joints == pytest.approx(inverse(model, q, dq, ddq, gravity), abs=1e-10)
+    model = model_of(m)
+    loads = Loads.of(m, (q, dq, ddq), GRAVITY, m.inertials, np.zeros(7))
+    assert loads.joints == pytest.approx(inverse(model, q, dq, ddq, GRAVITY), abs=1e-10)
     data = mujoco.MjData(model)
     for k in range(7):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
@@ -59,23 +64,18 @@ def test_what_base_and_tool_carry_is_that_of_mujoco(null_log):
 def test_a_base_that_turns_about_the_first_axis_is_a_joint_that_does(null_log):
     m = read_log(null_log).mechanism
     q, still = some(3)[0], np.zeros((7, 3))
+    ways = (still, np.array([0.0, 0.0, 2.0])), (still + np.array([2.0, 0.0, 0.0]), np.zeros(3))
     turned, joint = (
-        Loads.of(m, (q, still, ddq), np.zeros(3), m.inertials, np.ones(7), base).joints
-        for ddq, base in (
-            (still, np.array([0.0, 0.0, 2.0])),
-            (still + np.array([2.0, 0.0, 0.0]), np.zeros(3)),
-        )
+        Loads.of(m, (q, still, ddq), np.zeros(3), m.inertials, np.ones(7), base).joints for ddq, base in ways
     )
     assert np.max(np.abs(joint)) > 0.5
     assert turned == pytest.approx(joint, abs=1e-12)
 
 
 def test_a_robot_of_dh_rows_is_the_same_arm():
-    robot = replace(load_robot("universal-robots-ur5e")[0], inertias=np.tile(0.01 * np.eye(3), (6, 1, 1)))
-    m, _ = mechanism_of(robot)
-    q, dq, ddq = some(6, 1)
-    torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, np.array([0, 0, -9.81])), m.inertials)
-    assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
+    m, _ = mechanism_of(replace(UR5E, inertias=np.tile(0.01 * np.eye(3), (6, 1, 1))))
+    torque = torque_of(m, *some(6, 1), np.array([0, 0, -9.81]))
+    assert torque == pytest.approx(inverse(model_of(m), *some(6, 1)), abs=1e-9)
 
 
 def test_an_arm_warms_up_through_all_motions_of_a_log(null_log):
@@ -92,13 +92,11 @@ def test_an_arm_warms_up_through_all_motions_of_a_log(null_log):
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
 def test_torques_at_rest_hold_the_weights_of_the_robot(convention):
     """In standard and in modified DH, by the statics of the arm: where its file has the centres of mass."""
-    robot = replace(load_robot("universal-robots-ur5e")[0], convention=convention, flange=np.eye(4))
-    m, _ = mechanism_of(robot)
+    robot = replace(UR5E, convention=convention, flange=np.eye(4))
     q, still = some(6, 2)[0], np.zeros((7, 6))
-    gravity = np.array([1.0, -2.0, -9.0])
-    torque = np.einsum("njkp,kp->nj", regressor(m, q, still, still, gravity), m.inertials)
     none = np.zeros(7), np.zeros((7, 3))
-    loads = gravity_loads(robot, chain_of(robot), link_angles(robot, q), gravity, *none)
+    loads = gravity_loads(robot, chain_of(robot), link_angles(robot, q), GRAVITY, *none)
+    torque = torque_of(mechanism_of(robot)[0], q, still, still)
     assert torque == pytest.approx(-loads.moments[:, 1:, 2], abs=1e-9)
 
 
@@ -106,13 +104,10 @@ def test_torques_at_rest_hold_the_weights_of_the_robot(convention):
 def test_energies_are_those_of_the_links_of_the_robot(convention):
     """By differences of their frames; inertias have any axes in the frame that the file states them in."""
     root = np.random.default_rng(5).normal(size=(6, 3, 3))
-    nominal_robot = load_robot("universal-robots-ur5e")[0]
-    robot = replace(
-        nominal_robot, convention=convention, flange=np.eye(4), inertias=0.1 * root @ root.swapaxes(1, 2)
-    )
-    m, _ = mechanism_of(robot)
-    q, dq, still = some(6, 3)[0], some(6, 3)[1], np.zeros((7, 6))
-    momentum = np.einsum("njkp,kp->nj", regressor(m, q, still, dq, np.zeros(3)), m.inertials)
+    inertias = 0.1 * root @ root.swapaxes(1, 2)
+    robot = replace(UR5E, convention=convention, flange=np.eye(4), inertias=inertias)
+    q, dq, _ = some(6, 3)
+    momentum = torque_of(mechanism_of(robot)[0], q, 0.0 * q, dq, np.zeros(3))
     chain = chain_of(robot)
 
     def links(t):
@@ -123,19 +118,17 @@ def test_energies_are_those_of_the_links_of_the_robot(convention):
     spin = now[..., :3, :3].swapaxes(-1, -2) @ rate[..., :3, :3]
     turn = np.stack([spin[..., 2, 1], spin[..., 0, 2], spin[..., 1, 0]], axis=-1)
     speed = np.einsum("nkij,kj->nki", rate[..., :3, :3], robot.centres_of_mass) + rate[..., :3, 3]
-    twice = np.einsum("k,nki->n", robot.masses, speed**2) + np.einsum(
-        "nki,kij,nkj->n", turn, robot.inertias, turn
-    )
+    twice = np.einsum("k,nki->n", robot.masses, speed**2)
+    twice += np.einsum("nki,kij,nkj->n", turn, inertias, turn)
     assert np.sum(momentum * dq, axis=1) == pytest.approx(twice, rel=1e-6)
 
 
 def test_assumed_inertias_are_those_of_links_of_their_length():
     """0.3 of a link's length as its radius of gyration, of a short link a quarter of the longest length."""
-    robot = replace(load_robot("universal-robots-ur5e")[0], inertias=None)
-    m, notes = mechanism_of(robot)
-    length = np.hypot(robot.a, robot.d)
+    m, notes = mechanism_of(replace(UR5E, inertias=None))
+    length = np.hypot(UR5E.a, UR5E.d)
     assert length.min() < length.max() / 4 < np.median(length) * 4
-    expected = robot.masses * (0.3 * np.maximum(length, length.max() / 4)) ** 2
+    expected = UR5E.masses * (0.3 * np.maximum(length, length.max() / 4)) ** 2
     assert np.diagonal(m.inertia, axis1=1, axis2=2) == pytest.approx(np.tile(expected[:, None], 3))
     assert "no inertias" in str(notes)
 
@@ -144,12 +137,9 @@ def test_power_does_not_depend_on_the_coupling(null_log):
     m = read_log(null_log).mechanism
     coupled = replace(m, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, -1]]))
     reading, speed, _ = some(3)
-    zero, gravity = np.zeros_like(reading), np.array([0, 0, -9.81])
-    by_reading = regressor(coupled, reading, speed, zero, gravity)
-    by_joint = regressor(m, reading @ coupled.coupling.T, speed @ coupled.coupling.T, zero, gravity)
-    power = np.einsum("njkp,kp,nj->n", by_reading, m.inertials, speed)
-    joints = np.einsum("njkp,kp,nj->n", by_joint, m.inertials, speed @ coupled.coupling.T)
-    assert power == pytest.approx(joints)
+    q, dq = reading @ coupled.coupling.T, speed @ coupled.coupling.T
+    power = np.sum(torque_of(coupled, reading, speed, 0.0 * reading) * speed, axis=1)
+    assert power == pytest.approx(np.sum(torque_of(m, q, dq, 0.0 * q) * dq, axis=1))
 
 
 @pytest.mark.parametrize("name", ["robotstudio-so101", "fanuc-lrmate200ic"])
@@ -160,10 +150,7 @@ def test_a_reading_of_the_opposite_sense_turns_about_the_reversed_axis(name):
     assert m.coupled == (name == "fanuc-lrmate200ic")
     plain = replace(m, axis=np.tile([0.0, 0.0, 1.0], (m.n, 1)), coupling=robot.link_from_reading)
     assert np.any(m.axis != plain.axis)
-    q, dq, ddq = some(m.n)
-    gravity = np.array([1.0, 2.0, -9.81])
-    torques = [np.einsum("njkp,kp->nj", regressor(x, q, dq, ddq, gravity), x.inertials) for x in (m, plain)]
-    assert torques[0] == pytest.approx(torques[1], abs=1e-10)
+    assert torque_of(m, *some(m.n)) == pytest.approx(torque_of(plain, *some(m.n)), abs=1e-10)
 
 
 def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts):
@@ -258,8 +245,7 @@ def test_motions_at_uneven_times_are_sampled_evenly(null_log):
     m = log.motions[0]
     keep = np.sort(np.random.default_rng(0).choice(len(m.time), 480, replace=False))
     keep[0], keep[-1] = 0, len(m.time) - 1
-    uneven = replace(m, **{k: getattr(m, k)[keep] for k in ("time", "position", "torque", "payload")})
-    s = all_signals(replace(log, motions=(uneven, *log.motions[1:])))[0]
+    s = all_signals(replace(log, motions=(of_rows(m, keep), *log.motions[1:])))[0]
     assert np.ptp(np.diff(s.time)) < 1e-9
     speed = np.interp(s.time[30:-30], even.time, even.dq[:, 1])
     assert np.sqrt(np.mean((s.dq[30:-30, 1] - speed) ** 2)) < 0.05 * np.sqrt(np.mean(speed**2))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from motion.servo_logs import KD, KP, another, servo_log
+from motion.servo_logs import KD, KP, another, servo_log, without_stiffness
 
 from bayescal.exporting.log_arm import text_of
 from bayescal.logs import read_log
@@ -60,7 +60,7 @@ def test_what_cannot_be_replayed_is_said(log, arms):
     turned = replace(log.mechanism, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
     assert "are coupled" in replayed(mujoco, replace(log, mechanism=turned), parts, {})
     forward = tuple(replace(s, torque=s.torque + 20.0 * s.ddq) for s in parts)  # feed-forward
-    bare = replace(log, controller=replace(log.controller, stiffness=None))
+    bare = without_stiffness(log)
     assert "is no function of command and position" in law_of(bare, forward)
     # of a part that follows neither, its share of the variance is said
     wave = [np.sin(37.0 * s.time)[:, None] * np.std(s.torque, axis=0) for s in parts]
@@ -80,10 +80,15 @@ def of_errors(s):
     return replace(s, command=s.q + left)
 
 
-def rigid(s):
-    """Nominal torques of links and rotors."""
+def stiffer(s):
+    return replace(s, command=s.q + (0.3 * (s.torque - s.torque.mean(axis=0)) + KD * s.dq) / KP)
+
+
+def fed_forward(s):
+    """With nominal torques of links and rotors."""
     model = nominal(s.log, KP)
-    return model.load(s) + model.armature * s.ddq
+    rigid = model.load(s) + model.armature * s.ddq
+    return replace(s, command=s.q + (s.torque - rigid + KD * s.dq) / KP)
 
 
 def same(s):
@@ -92,17 +97,7 @@ def same(s):
 
 @pytest.mark.parametrize(
     ("change", "ahead", "complete"),
-    [
-        (same, 0.0, True),
-        (of_errors, 1.0, True),
-        (
-            lambda s: replace(s, command=s.q + (0.3 * (s.torque - s.torque.mean(axis=0)) + KD * s.dq) / KP),
-            0.0,
-            True,
-        ),
-        (lambda s: replace(s, command=s.q + (s.torque - rigid(s) + KD * s.dq) / KP), 0.0, False),
-    ],
-    ids=["damping of the speed", "damping of its error", "stiffer", "feed-forward"],
+    [(same, 0.0, True), (of_errors, 1.0, True), (stiffer, 0.0, True), (fed_forward, 0.0, False)],
 )
 def test_torques_tell_how_a_stated_controller_acts(log, change, ahead, complete):
     stated = replace(log, controller=replace(log.controller, kind="position"))
