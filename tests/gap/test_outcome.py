@@ -181,9 +181,9 @@ INFINITE = float("inf")
 
 def test_a_gap_that_is_taken_away_and_half_of_one():
     rng = np.random.default_rng(0)
-    noise, effect = NOISE * rng.standard_normal(4000), 20e-6 * rng.standard_normal(4000)
+    noise, effect = NOISE * rng.standard_normal(1000), 20e-6 * rng.standard_normal(1000)
     (whole,) = magnitude.shrinkage(held(noise + effect), held(noise), NOISE)
-    assert (whole.what, whole.count) == ("planes", 4000)
+    assert (whole.what, whole.count) == ("planes", 1000)
     assert whole.removed == pytest.approx(1.0, abs=0.02)
     assert whole.before == pytest.approx(np.hypot(20e-6, 5e-6), rel=0.05)
     assert whole.floor == pytest.approx(NOISE)

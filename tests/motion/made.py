@@ -10,6 +10,7 @@ import yaml
 from cases import file_text
 from scipy.signal import lfilter
 
+import bayescal as bc
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 
@@ -81,6 +82,12 @@ def read_commands(path):
     table = pd.read_csv(path, dtype={"motion": str})
     parts = table.groupby("motion", sort=False)
     return [(n, p["t_s"].to_numpy(), np.radians(p.filter(regex="^q").to_numpy())) for n, p in parts]
+
+
+def verified(run, folder):
+    """The file of a simulator with the arm of a run, and its verification."""
+    file, _ = bc.export(run, "mjcf").save(folder / "arm.xml")
+    return file, bc.verify(run, file)
 
 
 def of_rows(motion, rows):

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from cases import refused, terminal_text
 from influences import check_written, unseen
+from motion.made import verified
 
 import bayescal as bc
 from bayescal.logs import read_log
@@ -83,12 +84,16 @@ def test_what_the_record_says_of_torque_and_parameters(result):
     assert result.record["torque_shift_ms"] == pytest.approx(1e3 * fit.shift)
     assert result.record["words"] == []
     first, *others = fit.withheld
-    large = replace(first, fitted=1.01 * first.interval95[1], nominal=9.0 * first.nominal)
-    (text,) = fit_record(replace(fit, withheld=(large, *others)))["words"]
+
+    def record_of(**changes):
+        return fit_record(replace(fit, withheld=(replace(first, **changes), *others)))
+
+    large = 1.01 * first.interval95[1]
+    (text,) = record_of(fitted=large, nominal=9.0 * first.nominal)["words"]
     assert "more error than is expected" in text
-    assert f"({first.joint} {large.fitted:.3g} for {first.expected:.3g} N m)" in text
+    assert f"({first.joint} {large:.3g} for {first.expected:.3g} N m)" in text
     # a fit that predicts worse than the nominal arm says so first
-    record = fit_record(replace(fit, withheld=(replace(first, nominal=0.85 * first.fitted), *others)))
+    record = record_of(nominal=0.85 * first.fitted)
     (text,) = record["words"]
     assert text.startswith("the fit does not explain the torque of withheld motions: more error than the nom")
     assert f"({first.joint} " in text
@@ -96,18 +101,16 @@ def test_what_the_record_says_of_torque_and_parameters(result):
     shown = terminal_text(fit_summary(record)).splitlines()
     assert shown[1].startswith("The fit does not explain the torque")
     assert sum("does not explain" in line for line in shown) == 1
-    close = fit_record(replace(fit, withheld=(replace(first, nominal=0.95 * first.fitted), *others)))
-    assert close["words"] == []
+    assert record_of(nominal=0.95 * first.fitted)["words"] == []
     # Its estimate is pulled by the prior. On either side of nominal, and no other parameter
     assert not any("prior standard deviations" in text for text in result.record["warnings"])
-    k = next(k for k, p in enumerate(fit.parameters) if p.name == "alignment")
     for sign in (1, -1):
-        p = fit.parameters[k]
-        far = replace(p, estimate=p.nominal + sign * 4.1 * p.prior_sd)
-        parameters = (*fit.parameters[:k], far, *fit.parameters[k + 1 :])
-        (text,) = [
-            t for t in fit_record(replace(fit, parameters=parameters))["warnings"] if "prior standard" in t
-        ]
+        parameters = tuple(
+            replace(p, estimate=p.nominal + sign * 4.1 * p.prior_sd) if p.name == "alignment" else p
+            for p in fit.parameters
+        )
+        warnings = fit_record(replace(fit, parameters=parameters))["warnings"]
+        (text,) = (t for t in warnings if "prior standard" in t)
         assert text.startswith("alignment: more than 4")
 
 
@@ -291,8 +294,7 @@ def test_a_stated_link_that_is_no_body_does_not_hold_the_fit(null_log, tmp_path,
     assert np.all(fit.withheld.rms_Nm[1:] < 0.5 * fit.withheld.nominal_rms_Nm[1:])
     assert fit.parameters.estimate["mass of link 2"] != pytest.approx(5.0, rel=1e-6)
     fit.save(tmp_path / "run")
-    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
-    assert bc.verify(tmp_path / "run", file).passed
+    assert verified(tmp_path / "run", tmp_path)[1].passed
 
 
 def test_every_link_is_a_body_that_there_can_be(null_log):

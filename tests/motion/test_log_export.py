@@ -3,7 +3,6 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,7 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 from cases import refused
-from motion.made import RATE, inverse, write
+from motion.made import RATE, inverse, verified, write
 
 import bayescal as bc
 from bayescal.exporting.log_arm import FORMATS, LogExport, bam_of, drives_of, export_log, text_of
@@ -32,6 +31,14 @@ def run(tmp_path_factory, null_log):
     return folder
 
 
+def changed(run, folder, **fields):
+    """A copy of a run folder whose record has other values of some fields."""
+    shutil.copytree(run, folder)
+    record = json.loads((folder / "fit.json").read_text()) | fields
+    (folder / "fit.json").write_text(json.dumps(record))
+    return folder
+
+
 @pytest.mark.parametrize("to", [name for name in FORMATS if name != "bam"])
 def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
     exported = bc.export(run, to)
@@ -48,15 +55,18 @@ def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
     assert path.read_text() == exported.content
 
 
+def arm_of(*joints):
+    return written_out(Arm.model_validate({"joints": joints}), "made")
+
+
 LIMITED = {"name": "K", "limits_deg": [-100, 120], "max_velocity_degps": 90, "rated_torque_Nm": 40}
 
 
 def test_joints_keep_their_limits_and_those_without_turn_without_end(tmp_path):
     """As URDF, SDF and MJCF, and in arm.yaml."""
-    joints = [JOINT, JOINT | LIMITED | {"origin_mm": [0, 0, 300], "rpy_deg": [90, 0, 0]}]
-    m = written_out(Arm.model_validate({"joints": joints}), "two")
+    m = arm_of(JOINT, JOINT | LIMITED | {"origin_mm": [0, 0, 300], "rpy_deg": [90, 0, 0]})
     m = replace(m, **dict.fromkeys(("armature", "coulomb", "viscous"), np.zeros(2)))
-    again = written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), "two")
+    again = arm_of(*yaml.safe_load(arm_text(m))["joints"])
     assert again.limits == pytest.approx(m.limits, nan_ok=True)
     assert again.fastest == pytest.approx(m.fastest, nan_ok=True)
     low, high = np.radians(LIMITED["limits_deg"])
@@ -79,10 +89,9 @@ def test_joints_keep_their_limits_and_those_without_turn_without_end(tmp_path):
 
 def test_a_machine_may_stand_at_the_limits_of_its_file(run, tmp_path):
     """Torques of a verification are those of bodies and drives alone."""
-    within = {"A": "-0.1 0.1", "B": "-0.1 0.1", "C": "-0.1 0.1"}
     text = bc.export(run, "mjcf").content
-    for name, both in within.items():
-        text = text.replace(f'joint name="{name}"', f'joint name="{name}" limited="true" range="{both}"')
+    for name in "ABC":
+        text = text.replace(f'joint name="{name}"', f'joint name="{name}" limited="true" range="-0.1 0.1"')
     (tmp_path / "arm.xml").write_text(text)
     assert bc.verify(run, tmp_path / "arm.xml").passed
 
@@ -106,8 +115,7 @@ def test_simulators_load_the_same_arm(run):
 
 
 def test_the_exported_arm_needs_the_torques_that_were_measured(run, tmp_path):
-    file, _ = bc.export(run, "mjcf").save(tmp_path / "arm.xml")
-    result = bc.verify(run, file)
+    file, result = verified(run, tmp_path)
     assert result.passed
     data = result.data
     assert np.all(data.difference < 1e-9)
@@ -117,10 +125,8 @@ def test_the_exported_arm_needs_the_torques_that_were_measured(run, tmp_path):
     assert result.save(tmp_path / "verify") == ("verify.json",)
     assert "the file is the arm that was fitted" in str(result)
     # Torques that are logged two rows late, and a fit that states it: the same errors
-    late = Path(shutil.copytree(run, tmp_path / "late"))
-    record = json.loads((late / "fit.json").read_text())
-    record["torque_shift_ms"] += 2e3 / RATE
-    (late / "fit.json").write_text(json.dumps(record))
+    shift = bc.load(run).record["torque_shift_ms"] + 2e3 / RATE
+    late = changed(run, tmp_path / "late", torque_shift_ms=shift)
     (path,) = (late / COPY).glob("*.csv.gz")
     table = pd.read_csv(path)
     torques = [name for name in table.columns if name.startswith("torque")]
@@ -138,8 +144,8 @@ def test_errors_of_a_coarse_log_are_those_of_its_fit(tmp_path):
     table.to_csv(path, index=False)
     fit = bc.fit(tmp_path / "log", samples=0)
     fit.save(tmp_path / "run")
-    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
-    assert bc.verify(tmp_path / "run", file).data.fitted == pytest.approx(fit.withheld.rms_Nm, rel=0.3)
+    _, result = verified(tmp_path / "run", tmp_path)
+    assert result.data.fitted == pytest.approx(fit.withheld.rms_Nm, rel=0.3)
 
 
 def test_another_arm_is_not_the_one_that_was_fitted(run, tmp_path):
@@ -167,11 +173,11 @@ def test_drives_are_read_back_as_bam_reads_them(run):
     drives = json.loads(bc.export(run, "bam").content)
     fitted = bc.load(run).parameters.estimate
     assert list(drives) == ["A", "B", "C"]
+    names = {"friction_base": "coulomb", "friction_viscous": "viscous", "armature": "armature"}
     for k, drive in enumerate(drives.values(), 1):
         assert drive["model"] == "m1"
-        assert drive["friction_base"] == pytest.approx(fitted[f"coulomb {k}"], rel=1e-6)
-        assert drive["friction_viscous"] == pytest.approx(fitted[f"viscous {k}"], rel=1e-6)
-        assert drive["armature"] == pytest.approx(fitted[f"armature {k}"], rel=1e-6)
+        for key, name in names.items():
+            assert drive[key] == pytest.approx(fitted[f"{name} {k}"], rel=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -214,10 +220,7 @@ def test_the_budget_of_bam_is_the_torque_of_the_effects():
     d = drives_of(record, 1)
     assert d.stiffness == pytest.approx([80.0])
     assert d.damping == pytest.approx([2.0])
-    m = replace(
-        written_out(Arm.model_validate({"joints": [JOINT]}), "one"), armature=np.array([0.1]),
-        coulomb=np.array([0.5]), viscous=np.array([0.2]),
-    )  # fmt: skip
+    m = replace(arm_of(JOINT), armature=np.array([0.1]), coulomb=np.array([0.5]), viscous=np.array([0.2]))
     p = json.loads(bam_of(m, d))["J"]
     speed, motor, external = 0.05, 1.4, -2.0
     rise = np.exp(-((abs(speed) / p["dtheta_stribeck"]) ** p["alpha"]))
@@ -227,8 +230,7 @@ def test_the_budget_of_bam_is_the_torque_of_the_effects():
 
 
 def test_a_diagnosis_is_verified_with_its_arm(gap, tmp_path):
-    file, _ = bc.export(gap, "mjcf").save(tmp_path / "arm.xml")
-    result = bc.verify(gap, file)
+    _, result = verified(gap, tmp_path)
     assert result.passed
     assert "no commands are logged" in result.data.tracking
     assert "not replayed: no commands are logged" in str(result)
@@ -241,14 +243,11 @@ def test_other_formats_and_options_are_refused(run):
 
 
 def test_an_arm_whose_base_is_tilted_is_verified_with_its_gravity(run, tmp_path):
-    tilted = Path(shutil.copytree(run, tmp_path / "tilted"))
-    record = json.loads((tilted / "fit.json").read_text())
-    record["gravity_mps2"] = [0.3, -0.2, -9.8]
-    (tilted / "fit.json").write_text(json.dumps(record))
-    (tmp_path / "arm.xml").write_text(bc.export(tilted, "mjcf").content)
-    assert bc.verify(tilted, tmp_path / "arm.xml").passed
-    (tmp_path / "arm.xml").write_text(bc.export(run, "mjcf").content)
-    assert not bc.verify(tilted, tmp_path / "arm.xml").passed
+    tilted = changed(run, tmp_path / "tilted", gravity_mps2=[0.3, -0.2, -9.8])
+    file, result = verified(tilted, tmp_path)
+    assert result.passed
+    file.write_text(bc.export(run, "mjcf").content)
+    assert not bc.verify(tilted, file).passed
 
 
 def test_errors_of_position_are_the_torques_over_the_stiffness():

@@ -8,22 +8,14 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from bayescal.logs.read import read_log
+from bayescal.motion import signals
 from bayescal.motion.effects import Form
 from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.quantities import UNKNOWN
 from bayescal.motion.search import Search
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import (
-    Bands,
-    derivative,
-    impulse,
-    low_passed,
-    moving,
-    noise_of_positions,
-    rounded,
-    white,
-)
+from bayescal.motion.signals import Bands, derivative, low_passed
 from bayescal.motion.terms import Term
 from bayescal.motion.together import _moved
 
@@ -94,17 +86,20 @@ def test_gains_are_ratios_of_evidences():
         for k, scale in enumerate(scales):
             wide = np.column_stack([x[:, :2], scale * x[:, chosen]])
             assert table[i, k] == pytest.approx(log_evidence(wide, y) - log_evidence(x[:, :2], y))
-    more = fitted(p, [0, 1, 2])
-    assert more.log_evidence - base.log_evidence == pytest.approx(
-        log_evidence(x[:, :3], y) - log_evidence(x[:, :2], y)
-    )
+    more, gained = fitted(p, [0, 1, 2]), log_evidence(x[:, :3], y) - log_evidence(x[:, :2], y)
+    assert more.log_evidence - base.log_evidence == pytest.approx(gained)
     within = np.linalg.inv(np.eye(40) + x[:, :2] @ x[:, :2].T)
     assert trace[0] == pytest.approx(x[:, 2] @ within @ x[:, 2])
 
 
+def lagged(white, keep=0.8):
+    """Noise of the first order."""
+    return lfilter([1.0], [1.0, -keep], white, axis=0)
+
+
 def test_noise_is_whitened():
     rng = np.random.default_rng(0)
-    parts = [lfilter([1.0], [1.0, -0.8], rng.normal(size=(3000, 2)), axis=0) * [1.0, 5.0] for _ in range(3)]
+    parts = [lagged(rng.normal(size=(3000, 2))) * [1.0, 5.0] for _ in range(3)]
     noise = noise_of(parts)
     assert noise.lag1 == pytest.approx(0.8, abs=0.03)
     assert noise.sd[1] / noise.sd[0] == pytest.approx(5.0, rel=0.1)
@@ -128,7 +123,7 @@ def density(noise: Noise) -> float:
 def test_missing_rows_leave_the_likelihood_of_the_others():
     """As the covariance of the rows that are there says; of all rows it follows from the whitening itself."""
     rng = np.random.default_rng(1)
-    parts = [lfilter([1.0], [1.0, -0.8], rng.standard_normal((400, 1)), axis=0) for _ in range(5)]
+    parts = [lagged(rng.standard_normal((400, 1))) for _ in range(5)]
     noise, x = noise_of(parts), rng.standard_normal((60, 3))
     every = noise.whitened(np.eye(60), 0)
     covariance = np.linalg.inv(every.T @ every)
@@ -142,7 +137,7 @@ def test_missing_rows_leave_the_likelihood_of_the_others():
 def test_noise_of_rows_that_are_there_is_that_of_all():
     """Rows of weight 0 are no small residuals."""
     rng = np.random.default_rng(2)
-    parts = [lfilter([1.0], [1.0, -0.8], rng.standard_normal((2000, 1)), axis=0) for _ in range(5)]
+    parts = [lagged(rng.standard_normal((2000, 1))) for _ in range(5)]
     weights = [np.repeat(rng.random((40, 1)) < 0.6, 50, axis=0).astype(float) for _ in parts]
     found = noise_of([w * x for w, x in zip(weights, parts, strict=True)], weights=weights)
     assert found.sd == pytest.approx(noise_of(parts).sd, rel=0.05)
@@ -194,14 +189,10 @@ def test_what_repeats_share_is_no_noise():
     assert noise_of(some, same=["a", "a", "a", "b"]).sd == pytest.approx(1.0, rel=0.06)
 
 
-def accelerations(q):
-    return derivative(derivative(q, 0.01), 0.01)[50:-50]
-
-
 def test_noise_of_positions_is_seen_beside_their_motion():
     t = np.arange(4000.0)[:, None] / 200.0
     noise = np.random.default_rng(0).normal(size=(len(t), 2)) * [1e-5, 3e-4]
-    assert white(np.sin(2.0 * t) + noise) == pytest.approx([1e-5, 3e-4], rel=0.1)
+    assert signals.white(np.sin(2.0 * t) + noise) == pytest.approx([1e-5, 3e-4], rel=0.1)
 
 
 def test_steps_of_an_encoder_are_noise_though_the_joint_rests_for_most_of_a_motion():
@@ -209,20 +200,19 @@ def test_steps_of_an_encoder_are_noise_though_the_joint_rests_for_most_of_a_moti
     true = 0.4 * (1.0 - np.cos(0.5 * np.pi * np.clip(t - 2.0, 0.0, 2.0)))
     read = np.round(true[:, None] / steps) * steps
     read[::2] += 1e-12  # the same value with other digits
-    assert np.all(white(read) < 1e-9)
-    assert rounded(read) == pytest.approx(steps / np.sqrt(12.0))
-    assert rounded(np.zeros((5, 2))).tolist() == [0.0, 0.0]
-    assert noise_of_positions(read, rounded(read)) == pytest.approx(steps / np.sqrt(12.0))
+    assert np.all(signals.white(read) < 1e-9)
+    assert signals.rounded(read) == pytest.approx(steps / np.sqrt(12.0))
+    assert signals.rounded(np.zeros((5, 2))).tolist() == [0.0, 0.0]
+    assert signals.noise_of_positions(read, signals.rounded(read)) == pytest.approx(steps / np.sqrt(12.0))
     noisy = read + 1e-3 * np.random.default_rng(0).normal(size=read.shape)
-    assert noise_of_positions(noisy, rounded(read)) == pytest.approx([1e-3, 1e-3], rel=0.1)
+    assert signals.noise_of_positions(noisy, signals.rounded(read)) == pytest.approx([1e-3, 1e-3], rel=0.1)
 
 
 def test_the_band_is_that_in_which_the_noise_of_accelerations_is_small(null_log):
     """Noise of torques by that of positions, against its definition; beside it, that of torques."""
     log, rng, sd = read_log(null_log).divided, np.random.default_rng(0), 3e-4
-    rotors = replace(
-        log.mechanism, mass=np.zeros(3), inertia=np.zeros((3, 3, 3)), armature=np.array([1.0, 2.0, 0.0])
-    )
+    none = {"mass": np.zeros(3), "inertia": np.zeros((3, 3, 3))}
+    rotors = replace(log.mechanism, **none, armature=np.array([1.0, 2.0, 0.0]))
     motions = [replace(m, position=m.position + sd * rng.normal(size=m.position.shape)) for m in log.motions]
     coarse = replace(log, motions=tuple(motions), mechanism=rotors)
     bands = Bands.of(coarse)
@@ -251,12 +241,13 @@ def test_a_joint_at_rest_has_no_direction():
     angle = np.where(t < 6.0, 0.3 * (1.0 - np.cos(np.pi * t)), 0.0)  # two turns back, then rest
     true = np.column_stack([angle, 0.02 * t])
     q = low_passed(true + 2e-5 * rng.standard_normal(true.shape), 0.008, SIGNALS.band)
-    noise = 2e-5 * np.linalg.norm(derivative(impulse(len(q), 0.008, SIGNALS.band), 0.008)) * np.ones(2)
+    slope = derivative(signals.impulse(len(q), 0.008, SIGNALS.band), 0.008)
+    noise = 2e-5 * np.linalg.norm(slope) * np.ones(2)
     speeds, at = derivative(q, 0.008), (t > 1.0) & (t < 11.0)
     error = speeds - np.column_stack([0.3 * np.pi * np.sin(np.pi * t) * (t < 6.0), np.full(len(t), 0.02)])
     away = at & (np.abs(t - 6.0) > 0.5)
     assert np.std(error[away], axis=0) == pytest.approx(noise, rel=0.2)
-    share = moving(speeds, noise, 0.008)
+    share = signals.moving(speeds, noise, 0.008)
     assert np.mean(share[at & (t > 6.2), 0]) < 0.02
     assert np.all(share[at & (t < 5.9), 0] == 1.0)
     assert np.all(share[at, 1] == 1.0)

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from cases import cases
 
 from bayescal.motion.diagnose import TO_DO, to_do
 from bayescal.motion.effects import Form, Scale
@@ -13,23 +14,7 @@ from bayescal.preparing.next_motions import Bounds, MotionPlan
 from bayescal.reporting.motion.fit import plan_record
 
 
-@pytest.mark.parametrize(
-    ("site", "driver", "said"),
-    [
-        ("log", "oscillation, 0.91 Hz", "at half and at full speed, and look for what swings"),
-        ("joint 1", "angle of joint 1, 47.4 waves a turn whose phase changes", "joint 1 alone, slowly, over"),
-        ("joint 2", "oscillation, 3.2 Hz", "what swings"),
-        ("joint 3", "direction times angle of joint 2", "move joint 3 alone, with joint 2 at three angles"),
-        ("joint 3", "angle of joint 3", "move joint 3 alone, slowly, over its whole range"),
-        ("joint 6", "way since the reversal", "move joint 6 alone, slowly, with reversals"),
-        ("joint 1", "acceleration times time since the motion began", "after a pause of a minute"),
-        ("log", "rate of torque times time", "stamps of one clock"),
-        ("tool", "force on the tool", "without them"),
-        ("tool", "mass in every motion", "weigh what the tool carries"),
-        ("joint 3", "motion of the link", "rests in poses that load joint 3 more and less"),
-        ("joint 2", "direction", "move joint 2 alone at constant speed, in both directions"),
-    ],
-)
+@pytest.mark.parametrize(("site", "driver", "said"), cases("next_logs"))
 def test_each_quantity_has_what_to_do(site, driver, said):
     text = to_do(Form(UNKNOWN, site, driver))
     assert said in text
@@ -64,9 +49,8 @@ def test_the_bounds_of_a_plan_are_stated_in_degrees(null_estimate):
     """And torques in N m."""
     bounds = Bounds.of(null_estimate.parts[0].log)
     stated = plan_record(MotionPlan((), (), bounds))["bounds"]
-    for key, value in {"lowest_deg": bounds.low, "highest_deg": bounds.high, "speed_degps": bounds.speed,
-                       "acceleration_degps2": bounds.acceleration}.items():  # fmt: skip
+    keys = ("lowest_deg", "highest_deg", "speed_degps", "acceleration_degps2")
+    for key, value in zip(keys, (bounds.low, bounds.high, bounds.speed, bounds.acceleration), strict=True):
         assert np.radians(np.array(stated[key], float)) == pytest.approx(value, abs=1e-5), key
-    assert [x for x in stated["torque_Nm"] if x] == pytest.approx(
-        bounds.torque[np.isfinite(bounds.torque)], abs=1e-3
-    )
+    torque = bounds.torque[np.isfinite(bounds.torque)]
+    assert [x for x in stated["torque_Nm"] if x] == pytest.approx(torque, abs=1e-3)

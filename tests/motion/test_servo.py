@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from cases import refused
+from motion.made import verified
 from motion.servo_logs import without_stiffness
 
 import bayescal as bc
@@ -195,8 +196,8 @@ def test_the_arm_of_a_calibration_is_verified_with_its_servos(logs, tmp_path):
     text = (folder / "dataset.yaml").read_text()
     (folder / "dataset.yaml").write_text(re.sub(r"kp_Nm_per_rad: \[.*?\]", "P_coefficient: 16", text))
     bc.fit(folder, samples=0).save(tmp_path / "run")
-    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
-    result, fitted = bc.verify(tmp_path / "run", file).data, bc.load(tmp_path / "run")
+    file, verification = verified(tmp_path / "run", tmp_path)
+    result, fitted = verification.data, bc.load(tmp_path / "run")
     stiffness = np.array(fitted.record["controller"]["kp_Nm_per_rad"])
     gain = 1.0 + np.array([fitted.parameters.estimate[f"constant {k + 1}"] for k in range(5)])
     assert np.max(np.abs(gain - 1.0)) > 0.01
