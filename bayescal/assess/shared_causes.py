@@ -255,8 +255,10 @@ def shared(
     explained = np.empty(0, int)  # rejected measurements of the causes so far
     for k in np.argsort(observed, kind="stable"):
         group = groups[k]
+        if p[k] > LEVEL or group.kind in out or len(out) == MOST:
+            continue
         mine, size = np.intersect1d(group.rows, tested), len(group.rows)
-        if p[k] > LEVEL or group.kind in out or len(mine) < FEWEST or len(out) == MOST:
+        if len(mine) < FEWEST:
             continue
         # the same measurements in other words, or further ones, which are not there by chance
         more = np.setdiff1d(mine, explained)
