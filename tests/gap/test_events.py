@@ -112,6 +112,18 @@ def test_an_arm_is_without_names_that_increase_validation_errors(search, several
     assert not any(s.claimed for s in refuted.shrinkage)
 
 
+def test_a_statement_that_fails_is_left_out_with_a_sentence(search, several, monkeypatch):
+    def failing(*_):
+        raise ValueError("shapes differ")
+
+    monkeypatch.setattr("bayescal.gap.concluded.beside", failing)
+    monkeypatch.setattr("bayescal.gap.diagnose.examine", lambda *_: search)
+    gap = diagnose(several.dataset, MODEL)
+    assert [n.effect for n in gap.verdict.named] == [n.effect for n in several.verdict.named]
+    (told,) = (note for note in gap.verdict.notes if "because it failed" in note)
+    assert told.endswith("sites at which step would look the same (shapes differ)")
+
+
 @pytest.mark.parametrize(("sites", "site"), [("base and base", BASE), ("base and tool", WHOLE)])
 def test_shifts_that_are_clear_together_only_are_of_their_site(several, sites, site):
     final = calibrated(Scene(several.dataset), (*MODEL, f"step@38/80 at {sites}"))
