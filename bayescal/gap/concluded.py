@@ -32,8 +32,8 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     d = e.decision
     probability = dict(d.probability)
     events = attempted("rows of sudden changes", partial(events_of, e), {}, [])  # `explain` says it
-    lost: list[str] = []
-    named = [replace(_named(m, d, e, lost), events=events.get(m.effect, ())) for m in d.members]
+    failed: list[str] = []
+    named = [replace(_named(m, d, e, failed), events=events.get(m.effect, ())) for m in d.members]
     kind, credible = d.kind, d.credible
     if without is not None:
         sure = without.probability[COMPLIANCE]
@@ -59,7 +59,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         hypotheticals(d.weighed)[: VERDICT.listed],
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
-        (*sentences(e.widths), *play_or_late(d.alone, e.pool, d.credible), *cautions(scene.dataset), *lost),
+        (*sentences(e.widths), *play_or_late(d.alone, e.pool, d.credible), *cautions(scene.dataset), *failed),
         _causes(d, probability) if kind == "class" else None,
     )
 
@@ -133,11 +133,11 @@ def _most(name: str, kind: str, d: Decision) -> float:
     return float(np.clip(explained, 0.0, VERDICT.beside_unmodelled))
 
 
-def _named(member: Member, d: Decision, e: Examined, lost: list[str]) -> Named:
+def _named(member: Member, d: Decision, e: Examined, failed: list[str]) -> Named:
     v = member.variant
     setting = EFFECTS[v.effect].words(v.setting)
     alike = partial(beside, member, d.hypothesis, e.candidates.pool, e.circumstances, e.slopes)
-    where = attempted(f"sites at which {v.effect} would look the same", alike, (), lost)
+    where = attempted(f"sites at which {v.effect} would look the same", alike, (), failed)
     terms = d.hypothesis.terms_with(member)
     return Named(
         v.effect, model_name(member, e.candidates), v.sites, setting, supported(d.probability[v.effect]),
