@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from arviz_line import arviz_ess, arviz_rhat, az
 from cases import refused
-from sessions import with_columns
+from sessions import little, with_columns
 
 import bayescal.calibration as calibration
 import bayescal.reporting.fit.files as fit_posterior
@@ -22,7 +22,6 @@ from bayescal.posterior.inference import Record, arviz, inference_data, load, sa
 from bayescal.posterior.linearised import Convergence, Linearised
 from bayescal.posterior.sample import convergence, sample
 from bayescal.reporting.fit.files import fit_draws
-from bayescal.simulation import Options, simulate
 
 
 @pytest.fixture(scope="module")
@@ -209,13 +208,13 @@ def test_an_ensemble_that_still_moves_is_seen():
 
 
 def test_one_seed_one_result(fitted):
-    first, second, other = (sample(fitted, 300, seed=s) for s in (7, 7, 8))
+    first, second, other = (sample(fitted, 300, seed=s, max_steps=3) for s in (7, 7, 8))
     np.testing.assert_array_equal(first.z, second.z)
     assert not np.array_equal(first.z, other.z)
 
 
 def test_a_run_too_short_says_so(fitted):
-    draws = sample(fitted, 10**6, seed=0, max_steps=100)
+    draws = sample(fitted, 10**6, seed=0, max_steps=20)
     assert not draws.converged
     assert "effective draws" in draws.complaint
 
@@ -352,7 +351,7 @@ def test_groups_of_a_record_are_those_of_the_model(records):
 
 
 def test_many_validation_rows_have_fewer_draws(monkeypatch, usual_draws):
-    dataset = simulate(Options(contacts=80, later=16, repeats=5, placements=1, seed=1)).dataset
+    dataset = little().dataset
     assert calibration.predicted_draws(dataset) == calibration.VALIDATION_DRAWS
     rows = int(np.sum(dataset.measurements.role == "validate"))
     monkeypatch.setattr(calibration, "MOST_PREDICTED", 800 * rows)

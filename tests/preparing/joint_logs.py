@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,18 @@ def presliding(q: np.ndarray, bristles: float) -> np.ndarray:
     return out
 
 
+@cache
+def course(
+    trajectory: Callable[[int, np.ndarray], np.ndarray], seed: int, end: float, bristles: float
+) -> tuple[np.ndarray, ...]:
+    """Times, and positions, velocities, accelerations and friction over its largest at them."""
+    time = np.arange(0.0, end, 1e-3)
+    q = trajectory(seed, time)
+    v = np.gradient(q, 1e-3, axis=0)
+    way = presliding(q, bristles) if bristles else np.tanh(v / 0.03)
+    return time, q, v, np.gradient(v, 1e-3, axis=0), way
+
+
 @dataclass
 class Made:
     """Rows by column, in the units of motion.csv, and the settings: what a test changes."""
@@ -82,12 +95,8 @@ def made(
         time = stamps(np.arange(0.0, length, step))
 
         def at(t, seed=SAME[k]):
-            fine = np.arange(0.0, length + step, 1e-3)
-            q = trajectory(seed, fine)
-            v = np.gradient(q, 1e-3, axis=0)
-            a = np.gradient(v, 1e-3, axis=0)
-            way = presliding(q, bristles) if bristles else np.tanh(v / 0.03)
-            return tuple(np.column_stack([np.interp(t, fine, c) for c in x.T]) for x in (q, v, a, way))
+            fine, *values = course(trajectory, seed, length + step, bristles)
+            return tuple(np.column_stack([np.interp(t, fine, c) for c in x.T]) for x in values)
 
         q, v, *_ = at(time)
         tau = []

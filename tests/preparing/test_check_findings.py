@@ -23,13 +23,22 @@ from bayescal.preparing.missing import _roles
 JOINTS = [f"j{k}_deg" for k in range(1, 7)]
 
 
-@pytest.fixture(scope="module")
-def good(tmp_path_factory):
+def simulated(folder: Path, spheres: int) -> tuple[str, list[dict]]:
     """Settings and rows of a simulated session without any finding."""
-    folder = tmp_path_factory.mktemp("check") / "good"
-    bc.simulate(contacts=120, later=8, repeats=5, spheres=2, placements=1, seed=1).save(folder)
+    bc.simulate(contacts=120, later=8, repeats=5, spheres=spheres, placements=1, seed=1).save(folder)
     rows = list(csv.DictReader(io.StringIO((folder / "measurements.csv").read_text())))
     return (folder / "dataset.yaml").read_text(), rows
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    return simulated(tmp_path_factory.mktemp("check") / "good", spheres=1)
+
+
+@pytest.fixture(scope="module")
+def with_two_spheres(tmp_path_factory):
+    """Also a certified distance, and a sphere that validates where the other does not."""
+    return simulated(tmp_path_factory.mktemp("check") / "two", spheres=2)
 
 
 def found(folder: Path, settings: str, rows: list[dict]) -> list:
@@ -72,8 +81,9 @@ def planes(settings: str, rows: list[dict], *names: str) -> tuple[str, list[dict
     return text + "\n", [row for row in rows if row["target"] in names]
 
 
-def test_a_good_session_has_no_findings(tmp_path, good):
+def test_a_good_session_has_no_findings(tmp_path, good, with_two_spheres):
     assert found(tmp_path, *good) == []
+    assert found(tmp_path, *with_two_spheres) == []
 
 
 def test_the_example_has_no_findings():
@@ -102,8 +112,6 @@ CELLS = {
     "few rows": (
         lambda r: [row for k, row in enumerate(r) if row["role"] == "validate" or row["repeat"] or k % 2],
         {"few_rows"}, "values to fit"),
-    "few on a sphere": (lambda r: [row for row in r if row["target"] != "ball.A@1" or row["id"] in few(r)],
-                        {"few_on_sphere"}, "fewer than 4 contacts to validate `ball.A@1`"),
     "nothing to fit": (lambda r: [row | HELD for row in r], {"too_few"}, "no row has the role `calibrate`"),
 }  # fmt: skip
 """A change of the rows, the codes of its findings, words of one of them."""
@@ -123,10 +131,6 @@ def turned(rows: list[dict], number: int) -> list[dict]:
     return some(rows, number, j1_deg=f"{float(rows[number]['j1_deg']) + 15:.6f}")
 
 
-def few(rows: list[dict]) -> list[str]:
-    return [row["id"] for row in rows if row["target"] == "ball.A@1"][:3]
-
-
 @pytest.mark.parametrize("name", CELLS)
 def test_rows(tmp_path, good, name):
     change, codes, words = CELLS[name]
@@ -134,6 +138,14 @@ def test_rows(tmp_path, good, name):
     assert {f.code for f in findings} == codes, findings
     assert any(re.search(re.escape(words), f.what) for f in findings)
     assert all(f.remedy and f.where.startswith(("measurements.csv", "dataset.yaml")) for f in findings)
+
+
+def test_few_contacts_of_one_of_two_spheres(tmp_path, with_two_spheres):
+    settings, rows = with_two_spheres
+    few = [row for row in rows if row["target"] == "ball.A@1"][:3]
+    (finding,) = found(tmp_path, settings, [row for row in rows if row["target"] != "ball.A@1" or row in few])
+    assert finding.code == "few_on_sphere"
+    assert "fewer than 4 contacts to validate `ball.A@1`" in finding.what
 
 
 def test_as_many_contacts_as_a_finding_asks_for_locate_a_sphere(tmp_path, good):
@@ -230,11 +242,12 @@ def test_effects_that_need_a_column(tmp_path, good):
 PER_UNIT = {"mm": 1e3, "um": 1e6, "urad": 1e6, "deg": 180 / np.pi}
 
 
-def test_values_of_the_record_are_in_their_units(tmp_path, good):
+def test_values_of_the_record_are_in_their_units(tmp_path, with_two_spheres):
     """All that the dataset states of noise and certificates, by the names of their keys."""
+    settings, rows = with_two_spheres
     flat = "certificates:\n  - {kind: flat, target: cube.+z, u_form_mm: 0.0025}\n"
     noise = "noise:\n  slide_mm: 0.003\n  orientation_deg: 0.01\n"
-    found(tmp_path, good[0].replace("certificates:\n", flat).replace("noise:\n", noise), good[1])
+    write(tmp_path, settings.replace("certificates:\n", flat).replace("noise:\n", noise), rows)
     data, record = read_dataset(tmp_path), check_record(check(tmp_path))
     kinds = set()
     for entry, stated in zip(record["certificates"], data.certificates, strict=True):

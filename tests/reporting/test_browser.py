@@ -20,6 +20,12 @@ NARROW, WIDE = 380, 900
 WAIT = 180_000
 """ms; a machine that is shared may be slow."""
 
+SELDOM = """
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""The processor draws a view in 3-D as long as its page is open: five times a second are enough."""
+
 
 @pytest.fixture(scope="module")
 def browser(chromium):
@@ -63,8 +69,7 @@ def without_problems(problems):
 def opened(browser, pages, problems):
     """A page at a width, for all tests of it in turn: a test leaves its medium as it was.
 
-    One page is open at a time: a view in 3-D draws as long as its page is open. Each takes 5 s: tests of the
-    same page follow each other, in one scheme.
+    One page is open at a time. Each takes seconds: tests of the same page follow each other, in one scheme.
     """
 
     @lru_cache(maxsize=1)
@@ -73,6 +78,7 @@ def opened(browser, pages, problems):
             context.close()
         view = {"width": width, "height": 900}
         context = browser.new_context(viewport=view, java_script_enabled=scripts, color_scheme=scheme)
+        context.add_init_script(SELDOM)
         page = context.new_page()
         page.set_default_timeout(WAIT)
         page.on("console", lambda m: m.type == "error" and problems.append(m.text))

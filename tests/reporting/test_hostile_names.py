@@ -76,6 +76,11 @@ def session(cube, tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def fitted(session):
+    return bc.fit(session, samples=0)
+
+
 def test_commands_print_names_as_they_are(session):
     out = session.parent / "[red]run"
     checked = run("check", str(session))
@@ -94,10 +99,10 @@ def test_commands_print_names_as_they_are(session):
     assert {"svg", "table"} <= page.tags
 
 
-def test_no_name_is_an_element_of_any_page(session, tmp_path, quick_search):
+def test_no_name_is_an_element_of_any_page(session, fitted, tmp_path, quick_search):
     """Of a fit, a diagnosis, both side by side and a plan: pages, and what a notebook shows of them."""
     options = {"contacts": 60, "purpose": "distances", "candidates": 130, "order": "random"}
-    results = {"report.html": bc.fit(session, samples=0), "gap.html": bc.diagnose(session, "geometry")}
+    results = {"report.html": fitted, "gap.html": bc.diagnose(session, "geometry")}
     results["plan.html"] = bc.plan(session, **options)
     for name, result in results.items():
         result.save(tmp_path / name, **({} if name == "plan.html" else {"pictures": False}))
@@ -145,9 +150,9 @@ def test_no_name_is_an_element_of_the_page_of_a_fleet():
         assert name in text
 
 
-def test_a_console_with_markup_prints_a_table_of_hostile_names(session):
+def test_a_console_with_markup_prints_a_table_of_hostile_names(fitted):
     shown = io.StringIO()
-    Console(file=shown, width=200).print(bc.fit(session, samples=0).report(verbose=True))
+    Console(file=shown, width=200).print(fitted.report(verbose=True))
     assert "[/]" in shown.getvalue()
 
 
