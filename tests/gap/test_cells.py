@@ -12,7 +12,8 @@ from bayescal.arm.chain import frames
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter, named, parameters_of
-from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
+from bayescal.effects.common import tilts
+from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets, weighed_sets
 from bayescal.gap.linear.problem import Driven, Problem
 from bayescal.gap.linear.state import fit_state
@@ -22,7 +23,7 @@ from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.cells import _activity, _waits, cells, sets_of
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import Pool, filled, unknown
-from bayescal.gap.settings import CELLS, SEARCH
+from bayescal.gap.settings import CELLS, SEARCH, UNKNOWN
 
 
 @pytest.fixture(scope="module")
@@ -374,6 +375,68 @@ def test_evidence_with_constant_products_of_the_jacobian(bench, worth):
     sets = tuple(rng.choice(p.pool.shape[1], size, replace=False) for size in (1, 2, 2, 5))
     plain, known = (Bank(p.pool, sets, p.count, p.worth, of) for of in (None, p.jacobian))
     np.testing.assert_allclose(weigh_sets(state, known), weigh_sets(state, plain), rtol=1e-6, atol=1e-7)
+
+
+# --- Cells of two quantities and of earlier contacts, and their prior.
+
+
+def test_a_quantity_of_a_joint_is_multiplied_by_any_other(bench):
+    """Errors that are written down here, of a speed or direction and of another quantity."""
+    c = bench.circumstances
+    fitted = c.fitted
+    low, span = c.readings[fitted].min(axis=0), np.ptp(c.readings[fitted], axis=0)
+    angle = np.clip((c.readings - low) / span, 0.0, 1.0)
+    speed = c.velocity[:, 2]
+    way = speed / np.hypot(speed, np.radians(0.03))
+    tired = way * (1.0 + 0.5 * np.cos(2 * np.pi * angle[:, 4]))
+    lag = speed * (0.2 + np.cos(np.pi * angle[:, 0]))
+    by_way, by_speed = (Driver(kind, 3, form="and another") for kind in ("direction", "joint speed"))
+    assert bench.left_by(joint(3), by_way, "rz", tired) < 1e-6
+    assert bench.left_by(joint(3), by_speed, "rz", lag) < 1e-6
+    assert bench.left_by(joint(3), by_speed, "rz", tired) > 1e-2
+    assert bench.left_by(link(2), Driver("angle", 1), "ry", np.cos(np.pi * angle[:, 0])) < 1e-6
+
+
+def test_a_base_stays_where_its_clearance_lets_it(bench):
+    """Its position within the clearance follows the moment only at its ends."""
+    c = bench.circumstances
+    (by, *_) = tilts(c)
+    width = CELLS.clearance[2] * np.std(by.moment[c.fitted])
+    order = np.arange(len(c.q)) if c.time is None else np.argsort(c.time, kind="stable")
+    place, state = np.zeros(len(order)), 0.0
+    last = by.moment[order[0]]
+    for row in order:
+        state = float(np.clip(state + 2 * (by.moment[row] - last) / width, -1.0, 1.0))
+        place[row], last = state, by.moment[row]
+    axis = "rx" if abs(by.axis[0]) > 0.5 else "ry"
+    assert bench.left_by(BASE, Driver("base moment", form="past"), axis, place) < 1e-6
+
+
+def test_a_contact_pushes_the_tool_aside_for_the_next_ones(bench):
+    c = bench.circumstances
+    order = np.arange(len(c.q)) if c.time is None else np.argsort(c.time, kind="stable")
+    aside, state = np.zeros(len(order)), 0.0
+    for row in order:
+        aside[row] = state
+        state = CELLS.kept[1] * state + np.nan_to_num(c.approach)[row, 0]
+    assert bench.left_by(TOOL, Driver("contact direction", form="past"), "tx", aside) < 1e-9
+
+
+def test_a_trigger_that_hangs_errs_by_contact_direction_and_gravity(bench):
+    cell = bench.pool.cells[bench.number(PROBE, Driver("contact direction", form="and another"))]
+    assert {t.frame for own in cell.sets for q in own for t in q.terms} == {CONTACT}
+
+
+def test_a_kind_of_site_keeps_its_prior_whatever_its_cells_weigh(bench):
+    prior = np.exp(bench.pool.log_prior)
+    kinds = np.array([q.site.kind for q in bench.pool.cells])
+    whole = [q.site == joint(1) and q.weight >= 1 and not q.of_known_effect for q in bench.pool.cells]
+    of_joints = prior[np.array(whole)]
+    assert np.max(of_joints) == pytest.approx(CELLS.paired * np.min(of_joints))
+    ratio = np.sum(prior[kinds == "link"]) / np.sum(prior[kinds == "probe"])
+    known = [q.of_known_effect for q in bench.pool.cells if q.site.kind in ("link", "probe")]
+    assert not any(known)
+    assert ratio == pytest.approx(UNKNOWN.sites["link"] / UNKNOWN.sites["probe"])
 
 
 # --- Coupled axes: an error of an encoder or a gear on the side of the links, or on that of the readings.

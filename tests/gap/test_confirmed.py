@@ -17,7 +17,7 @@ from bayescal.gap.settings import GATE
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import BLOCKED, BY_REGION, LEFT_OUT, REGIONS, regions, validation_errors
-from bayescal.predict.errors import ValidationErrors
+from bayescal.predict.errors import ValidationErrors, without_rows
 
 COUNT = 60
 SCATTER = np.random.default_rng(4).standard_normal(COUNT)
@@ -466,3 +466,12 @@ def test_residuals_of_one_fold_are_those_that_were_left_out_together(dataset):
     own = dict(zip(np.flatnonzero(~beside).tolist(), label.tolist(), strict=True))
     pairs = {(fold, own.get(row, -1)) for fold, row in zip(h.fold, h.rows.tolist(), strict=True)}
     assert len(pairs) == 1 + REGIONS
+
+
+def test_rows_that_are_not_scored_leave_the_others_as_they_are(dataset):
+    every = validation_errors(estimate(build(Scene(dataset), ("geometry",))), without=LEFT_OUT)
+    some = without_rows(every, [int(every.rows[0]), 10**6])
+    assert len(some.residual) == len(every.residual) - np.sum(every.rows == every.rows[0])
+    assert np.array_equal(some.residual, every.residual[every.rows != every.rows[0]])
+    assert len(some.by_parameters) == len(some.noise) == len(some.block) == len(some.rows)
+    assert without_rows(every, []) is every

@@ -27,7 +27,7 @@ from bayescal.fitted.file import check_restored, read_arm, restored
 from bayescal.gap.concluded import doubted, events_of
 from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.examine import examine
-from bayescal.gap.outcome.events import _with_fitted, errors_with
+from bayescal.gap.outcome.events import _between, _with_fitted, errors_with
 from bayescal.gap.outcome.statements import Change, _together
 from bayescal.gap.outcome.where import _sudden
 from bayescal.gap.result import Event
@@ -418,3 +418,11 @@ def test_the_interval_of_an_event_holds_the_row_that_is_fitted(setting, number, 
     """The printed model has the row of the search, which is not always the most probable one."""
     event = _with_fitted(Event(317, (309, 320)), SimpleNamespace(setting=setting), number)
     assert (event.row, event.interval95) == (317, interval)
+
+
+@pytest.mark.parametrize(
+    ("interval", "rows"), [((5, 5), [3, 4]), ((5, 9), [3, 4, 5, 6, 7, 8]), ((2, 2), []), ((0, 0), [])]
+)
+def test_rows_between_fitted_ones_may_be_before_an_event_or_after_it(interval, rows):
+    fitted = np.array([0, 1, 2, 5, 9])
+    assert list(_between(Event(interval[0], interval), fitted)) == rows

@@ -12,6 +12,7 @@ from sessions import circumstances, geared, reflectors, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.assess.shared_causes import Completed
 from bayescal.dataset import Target
 from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects.common import base_terms, lagging, successions, tilts
@@ -20,6 +21,7 @@ from bayescal.effects.vocabulary import Session
 from bayescal.estimate import calibrated
 from bayescal.estimate.outliers import limit
 from bayescal.exporting.mjcf import holds
+from bayescal.gap import examine as examining
 from bayescal.gap.examine import examine
 from bayescal.gap.linear.evidence import project, shared_variance, weigh_sets, worth
 from bayescal.gap.linear.problem import Problem, Slopes
@@ -31,7 +33,7 @@ from bayescal.gap.search.candidates import Candidates, extended
 from bayescal.gap.search.cell_kinds import remembering
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import cell_fits, with_set
-from bayescal.model.options import FitOptions
+from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 
 
@@ -489,6 +491,21 @@ def test_a_stop_that_is_wrong_as_a_whole_is_one_outlier():
     assert alone - fit_state(p, (), ()).log_evidence > together - fit_state(stops, (), ()).log_evidence + 10
 
 
+def test_repeated_contacts_of_a_surface_are_independent(cube, monkeypatch):
+    """What they share is lack of fit, which has a cell."""
+    dataset, seen = cube(seed=7, count=60).dataset, []
+
+    def variance(_, gradient, poses):
+        seen.append(poses)
+        raise RuntimeError("enough")
+
+    rows = np.arange(len(dataset.measurements.ids)) // 3
+    monkeypatch.setattr(examining, "shared_variance", variance)
+    with pytest.raises(RuntimeError, match="enough"):
+        examine(Scene(with_columns(dataset, stop=rows)), ("geometry",), replace(USUAL, robust=False))
+    assert len(np.unique(seen[0])) == len(seen[0])
+
+
 # --- Rows that share a cause are no outliers of a diagnosis: it has to explain them.
 
 COUNT, FIRST, OFF = 120, 90, np.array([0.0, 4e-4, 0.0])
@@ -541,3 +558,26 @@ def test_contacts_that_share_a_cause_are_outliers_of_no_hypothesis(tracker):
     for one, left in ((p, gross), (replace(p, sharing=sharing), np.setdiff1d(gross, 50))):
         weight = fit_state(one, (), ()).weight[: p.count]
         assert set(p.contact[weight == 0]) == set(left.tolist())
+
+
+@pytest.mark.parametrize(
+    ("causes", "kinds", "which", "calls"),
+    [(("c",), ("null", "unknown"), 1, 2), (("c",), ("null", "null"), 0, 2),
+     (("c",), ("class",), 0, 1), ((), ("null",), 0, 1)],
+)  # fmt: skip
+def test_outliers_that_nothing_explains_are_left_out_after_all(monkeypatch, causes, kinds, which, calls):
+    """Where that shows an unmodelled effect: a few true outliers may share a cause by chance."""
+    nothing = dict.fromkeys(("fitted", "circumstances", "candidates", "slopes", "problem", "pool", "search"))
+    found = [examining.Examined(**nothing, decision=SimpleNamespace(kind=k)) for k in kinds]
+    asked = []
+
+    def examined(fitted, of, options, further):
+        asked.append((fitted, of))
+        return found[len(asked) - 1]
+
+    plain, every = (SimpleNamespace(model=SimpleNamespace(effects=("geometry",))) for _ in range(2))
+    monkeypatch.setattr(examining, "completed", lambda *_: Completed(every, (), causes))
+    monkeypatch.setattr(examining, "_examined", examined)
+    result = examining._of_baseline((plain, replace(USUAL, robust=True), ("told",)), False)
+    assert (result.decision, result.widths) == (found[which].decision, ("told",))
+    assert asked == [(every, causes), (plain, ())][:calls]

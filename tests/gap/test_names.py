@@ -135,8 +135,8 @@ def test_an_unmodelled_effect_elsewhere_is_not_called_backlash(credible, elsewhe
 
 
 def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():
-    first, second, third = (("lobing", 0.7), ("step", 0.22), ("latency", 0.08))
-    found = [weighed(n, probability=p, score=-10.0 * k) for k, (n, p) in enumerate((first, second, third))]
+    three = (("lobing", 0.7), ("step", 0.22), ("latency", 0.08))
+    found = [weighed(n, probability=p, score=-10.0 * k) for k, (n, p) in enumerate(three)]
     assert verdict.credible_set(found) == ("lobing", "step")
     assert confusable(*ALIKE)
     for behind, kept in ((3.0, True), (6.0, False)):
@@ -153,14 +153,6 @@ def test_noise_only_is_a_member_of_the_credible_set_like_any_other():
     ):
         each = [weighed(*own, probability=p, score=p) for own, p in sets.items()]
         assert verdict.credible_set(each) == credible
-
-
-def test_a_best_set_without_any_effect_is_null():
-    """Also where very many sets, each less probable, leave it less than a tenth."""
-    rest = [weighed(f"effect {k}", probability=0.05) for k in range(18)]
-    found = [weighed(probability=0.08), *rest]
-    names = [w.effects[0] for w in rest]
-    assert verdict.verdict_of(found, verdict.probabilities(found, names)) == ("null", ())
 
 
 def test_structure_at_the_site_of_a_name_contradicts_it():
