@@ -10,12 +10,11 @@ from sessions import circumstances
 
 from bayescal.arm.chain import frames
 from bayescal.arm.motion import CONTACT, TURN, Term
-from bayescal.arm.transforms import AXES
-from bayescal.effects import Parameter, named, parameters_of
+from bayescal.effects import named, parameters_of
 from bayescal.effects.common import tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets, weighed_sets
-from bayescal.gap.linear.problem import Driven, Problem
+from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search import cell_kinds, makers
 from bayescal.gap.search.beam import Search
@@ -304,45 +303,6 @@ def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
     none = (Driver("travel", 4), Driver("angle", 4, form="waves"))
     assert not [q for q in found if q.driver in none]
     assert not [q for q in found if str(q.site) == "joint 4" and q.driver == Driver("angle", 4)]
-
-
-def test_drivers_that_are_alike_in_a_pose_are_kept_once(bench):
-    """Columns and products of drivers of poses, of contacts and of both, against those written out."""
-    rng, slopes = np.random.default_rng(8), bench.slopes
-    count, size = len(slopes.rows), int(np.max(slopes.rows)) + 1
-    poses = rng.permutation(np.arange(count) // 3)
-
-    def of_poses():
-        out = np.full(size, np.nan)
-        out[slopes.rows] = rng.standard_normal(int(np.max(poses)) + 1)[poses]
-        return out
-
-    terms = [
-        (Term(2, "rz", of_poses()),),
-        (Term(3, "rx", rng.standard_normal(size)), Term(2, "rz", of_poses())),
-        (Term(2, "rz", of_poses()), Term(2, "rz", of_poses())),
-        (Term(5, "tx", 2.0),),
-        (Term(CONTACT, "normal", of_poses()),),
-    ]
-    own = [Parameter("", "rad", of, sd) for of, sd in zip(terms, (1e-3, 2e-3, 3e-4, 1e-5, 1e-6), strict=True)]
-    written = np.zeros((len(slopes.residual), len(own)))
-    for k, p in enumerate(own):
-        for t in p.terms:
-            driver = np.broadcast_to(np.asarray(t.driver, float), size)[slopes.rows[slopes.contact]]
-            if t.frame == CONTACT:
-                along = np.append(1.0 / slopes.sigma, np.zeros(len(slopes.contact) - len(slopes.sigma)))
-            else:
-                along = slopes.axes[:, 6 * t.frame + AXES.index(t.axis)]
-            written[: len(driver), k] += p.sd * driver * along
-    found = Driven(slopes, poses, own)
-    kept = {drivers.shape[1] for _, drivers, *_ in found._parts}
-    assert kept == {count, len(np.unique(poses))}
-    left = rng.standard_normal((3, len(written)))
-    size = np.max(np.abs(written), axis=0)
-    for rows, columns in ((slice(None), slice(None)), (np.arange(0, len(written), 7), [4, 0, 2])):
-        wanted = written[rows][:, columns] / size[columns]
-        np.testing.assert_allclose(found[rows, columns] / size[columns], wanted, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(left @ found / size, left @ written / size, rtol=0, atol=1e-10)
 
 
 def test_sets_that_are_not_kept_are_made_anew(bench, monkeypatch):

@@ -180,15 +180,6 @@ def test_a_motion_of_few_rows_adds_to_the_noise_what_it_has():
     assert noise.whitened(parts[0][:5, 0], 0) == pytest.approx(noise.whitened(parts[0][:, 0], 0)[:5])
 
 
-def test_what_repeats_share_is_no_noise():
-    rng = np.random.default_rng(2)
-    parts = [rng.normal(size=(400, 1)) for _ in range(4)]
-    shared = 5.0 * np.sin(np.arange(400) / 7.0)[:, None]
-    some = [r + shared for r in parts]
-    assert noise_of(some).sd > 3.0
-    assert noise_of(some, same=["a", "a", "a", "b"]).sd == pytest.approx(1.0, rel=0.06)
-
-
 def test_noise_of_positions_is_seen_beside_their_motion():
     t = np.arange(4000.0)[:, None] / 200.0
     noise = np.random.default_rng(0).normal(size=(len(t), 2)) * [1e-5, 3e-4]
