@@ -376,8 +376,8 @@ def test_parameters_act_in_their_session(c):
     rows = c.sessions[1].rows
     assert len(usual) == len(second)
     for p, q in zip(second, usual, strict=True):
-        if p.effect == "base-compliance":
-            assert p.name == f"B:{q.name}"
+        if q.effect == "base-compliance":
+            assert (p.effect, p.name) == (q.effect, f"B:{q.name}")
             for s, t in zip(p.terms, q.terms, strict=True):
                 np.testing.assert_array_equal(s.driver, np.where(rows, t.driver, 0.0))
 
