@@ -1,12 +1,13 @@
 """Commands that compute: `fit`, `gap`, `compare`, `plan`, `watch`, `fleet`, `changed`, `history`."""
 
 import shlex
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from bayescal.cli.root import command, progress, run_folder, said, show
+from bayescal.cli.root import carried_out, command, progress, run_folder, said, show
 from bayescal.errors import BayescalError
 from bayescal.public import console, drawing_beside, functions, planning, watching
 from bayescal.public.motions import MotionFitResult
@@ -102,11 +103,8 @@ def gap(
     allow_xacro
         As of `fit`.
     """
-    with run_folder(out, datasets, "gap") as folder, drawing_beside(pictures), progress() as notify:
-        result = functions.diagnose(datasets, progress=notify, **options)
-        notify("write", 0.0)
-        written = result.save(folder, pictures)
-    show(result.report(), folder, written)
+    work = partial(functions.diagnose, datasets, **options)
+    result, folder = carried_out(work, out, datasets, "gap", pictures=pictures)
     if result.undecided and len(datasets) == 1:
         count = [] if result.record.get("images") else ["--contacts", "60"]
         words = shlex.join([str(datasets[0]), "--after", str(folder), "--for", "gap", *count])
@@ -127,10 +125,7 @@ def compare(dataset: Path = typer.Argument(), out: Path | None = None, **options
     model, seed, out, allow_xacro
         As of `fit`.
     """
-    with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:
-        result = functions.compare(dataset, progress=notify, **options)
-        written = result.save(folder)
-    show(result.report(), folder, written)
+    carried_out(partial(functions.compare, dataset, **options), out, [dataset], "compare", "compare")
 
 
 @command(
@@ -196,11 +191,8 @@ def plan(
     probe["probe_beyond_mm"] = probe_beyond_mm
     formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
     names = [form.name for form in formats]
-    with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
-        result = planning.plan(setup, purpose=for_, after=after, to=names, progress=notify, **options)
-        notify("write", 0.0)
-        written = result.save(folder, names, **probe)
-    show(result.report(), folder, written)
+    work = partial(planning.plan, setup, purpose=for_, after=after, to=names, **options)
+    carried_out(work, out, [setup], "plan", "candidates", to=names, **probe)
 
 
 @command(
@@ -317,11 +309,7 @@ def changed(
     """
     from bayescal.public.changes import changed as run
 
-    with run_folder(out, datasets, "changed") as folder, progress() as notify:
-        result = run(datasets, model, at=at, progress=notify, **options)
-        notify("write", 0.0)
-        written = result.save(folder)
-    show(result.report(), folder, written)
+    carried_out(partial(run, datasets, model, at=at, **options), out, datasets, "changed")
 
 
 @command("bayescal history runs/arm-7", "bayescal history runs/arm-7 --limit-mm 0.1")
@@ -347,7 +335,4 @@ def history(
     """
     from bayescal.public.changes import history as run
 
-    with run_folder(out, [folder], "history") as target, progress("read") as notify:
-        result = run(folder, limit_mm=limit_mm, progress=notify, **options)
-        written = result.save(target)
-    show(result.report(), target, written)
+    carried_out(partial(run, folder, limit_mm=limit_mm, **options), out, [folder], "history", "read")

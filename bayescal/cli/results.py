@@ -1,12 +1,13 @@
 """Commands that use the arm of a run folder: `budget`, `export`, `verify`, `compensate`, `report`."""
 
+from functools import partial
 from math import radians
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from bayescal.cli.root import check_format, command, print_as, progress, run_folder, said, show
+from bayescal.cli.root import carried_out, check_format, command, print_as, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.public import arms, console, starting
@@ -152,10 +153,8 @@ def verify(
     out
         Run folder to write [default: runs/<file>-verify].
     """
-    with run_folder(out, [file.with_suffix("")], "verify") as folder, progress() as notify:
-        result = arms.verify(run, file, progress=notify)
-        written = result.save(folder)
-    show(result.report(), folder, written)
+    work = partial(arms.verify, run, file)
+    result, _ = carried_out(work, out, [file.with_suffix("")], "verify")
     if not result.passed:
         raise typer.Exit(1)
 

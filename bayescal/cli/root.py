@@ -21,7 +21,7 @@ from typer.models import ParameterInfo
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
-from bayescal.public import console
+from bayescal.public import console, drawing_beside
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -186,6 +186,37 @@ def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Iter
     folder = out or Path("runs") / f"{names}-{command}"
     with claimed(folder, f"{command}.json"):
         yield folder
+
+
+def carried_out(
+    work: Callable[..., Any], out: Path | None, datasets: Sequence[Path], command: str,
+    first: str = "estimate", **saved: Any,
+) -> tuple[Any, Path]:  # fmt: skip
+    """Compute a result, whose progress is shown, save it in the folder of the command, and print it.
+
+    Parameters
+    ----------
+    work : callable
+        Computes it, given `progress`.
+    out, datasets, command
+        As of `run_folder`.
+    first
+        As of `progress`.
+    **saved
+        Options of its `save`; with `pictures` a second process draws them.
+
+    Returns
+    -------
+    result : Result
+    folder : Path
+    """
+    beside = drawing_beside(saved.get("pictures", False))
+    with run_folder(out, datasets, command) as folder, beside, progress(first) as notify:
+        result = work(progress=notify)
+        notify("write", 0.0)
+        written = result.save(folder, **saved)
+    show(result.report(), folder, written)
+    return result, folder
 
 
 def show(report: RenderableType, folder: Path, written: Sequence[str]) -> None:

@@ -197,7 +197,7 @@ class MotionPlanResult(Result):
         return plan_summary(self.record)
 
     def save(
-        self, folder: str | PathLike[str], formats: Sequence[str] = (), *,
+        self, folder: str | PathLike[str], to: Sequence[str] | str = (), *,
         probe_input: str = "", probe_force_n: float | None = None, probe_beyond_mm: float = 5.0,
     ) -> tuple[str, ...]:  # fmt: skip
         """Write plan.json, next-motions.csv and next-motions.yaml; return their names.
@@ -246,12 +246,8 @@ def refuse(what: str, of: Callable[..., Any], given: Mapping[str, Any], *but: st
             value = (value if isinstance(value, str) else ",".join(value)).replace(" ", "")
             usual = ",".join(usual)
         if name not in but and value not in (usual, ""):
-            flag = f"--{RENAMED.get(name, name).replace('_', '-')}"
+            flag = "--for" if name == "purpose" else f"--{name.replace('_', '-')}"
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
-
-
-RENAMED = {"purpose": "for", "formats": "to"}
-"""Names of options of the command that differ from those of the function."""
 
 
 def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:

@@ -125,7 +125,7 @@ def received(words: str, *arguments: str) -> tuple[dict[str, Any], str]:
         return called
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayescal.public.drawing_beside", lambda wanted: nullcontext())
+        patch.setattr("bayescal.cli.root.drawing_beside", lambda wanted: nullcontext())
         for path in CALLED[words]:
             module, name = path.rsplit(".", 1)
             patch.setattr(path, stand_in(getattr(import_module(module), name)))
