@@ -73,7 +73,7 @@ class Process:
 
     @staticmethod
     def _start() -> futures.ProcessPoolExecutor:
-        return futures.ProcessPoolExecutor(1, get_context("spawn"), initializer=_settle)
+        return futures.ProcessPoolExecutor(1, get_context("spawn"), initializer=settle)
 
     def fill(self, work: Work, queue: Queue) -> None:
         """Submit a job, if none is under way."""
@@ -105,8 +105,13 @@ class Process:
 
     def kill(self) -> None:
         """End running jobs: this process is stopped."""
-        for process in list(self._pool._processes.values()):  # public from Python 3.14
-            process.kill()
+        kill(self._pool)
+
+
+def kill(pool: futures.ProcessPoolExecutor) -> None:
+    """End the processes of a pool, whatever they do."""
+    for process in list(pool._processes.values()):  # public from Python 3.14
+        process.kill()
 
 
 def results(
@@ -171,7 +176,7 @@ def _no_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _settle() -> None:
+def settle() -> None:
     """Initialise a worker process: one thread of BLAS, Ctrl-C ignored, ends with its parent."""
     os.environ |= {f"{library}_NUM_THREADS": "1" for library in THREADS}
     signal.signal(signal.SIGINT, signal.SIG_IGN)

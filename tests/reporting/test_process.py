@@ -1,12 +1,13 @@
 """Figures of a second process: the same bytes, and none of its failures is seen."""
 
-import subprocess
 import sys
+import time
 
 import pytest
 
 import bayescal.reporting.figures as process
 from bayescal.reporting.figures.figures import FIT
+from bayescal.storage.workers import kill
 
 
 @pytest.fixture
@@ -22,37 +23,50 @@ def drawn_here(monkeypatch):
     return calls
 
 
-def started(*line):
-    return subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+def waiting():
+    """The process that is ready, and what it was given to do."""
+    (pool,) = process._waiting
+    return pool, list(pool._processes.values())
 
 
-@pytest.mark.parametrize("program", ["raise SystemExit(3)", "import sys; sys.stdin.close()"])
-def test_a_process_that_fails_is_replaced(ready, monkeypatch, program):
-    monkeypatch.setattr(process, "_start", lambda: started(sys.executable, "-c", program))
+def test_a_process_that_was_killed_is_replaced(ready, monkeypatch):
     calls = drawn_here(monkeypatch)
     with process.drawing_beside():
+        kill(waiting()[0])
         assert process.begun({"schema": FIT})() == {"a.png": b"here"}
     assert len(calls) == 1
 
 
+def test_a_process_that_fails_is_replaced(ready, monkeypatch):
+    begun = process.begun
+    with process.drawing_beside():
+        wait = begun({"schema": "of nothing"})  # which has no figures
+        calls = drawn_here(monkeypatch)
+        assert wait() == {"a.png": b"here"}
+    assert len(calls) == 1
+
+
 def test_a_process_that_hangs_is_replaced_and_ended(ready, monkeypatch):
-    line = (sys.executable, "-c", "import sys, time; sys.stdin.buffer.read(); time.sleep(60)")
-    processes = []
-    monkeypatch.setattr(process, "_start", lambda: processes.append(started(*line)) or processes[0])
     monkeypatch.setattr(process, "PATIENCE", 0.2)
     drawn_here(monkeypatch)
     with process.drawing_beside():
+        pool, processes = waiting()
+        pool.submit(time.sleep, 60)
         assert process.begun({"schema": FIT})() == {"a.png": b"here"}
-    assert processes[0].poll() is not None
+    assert not any(one.is_alive() for one in processes)
 
 
-def test_a_process_that_is_not_asked_ends(ready, monkeypatch):
+def test_a_process_that_is_not_asked_ends(ready):
+    def fails():
+        with process.drawing_beside():
+            processes.extend(waiting()[1])
+            raise KeyError
+
     processes = []
-    start = process._start
-    monkeypatch.setattr(process, "_start", lambda: processes.append(start()) or processes[0])
-    with pytest.raises(KeyError), process.drawing_beside():
-        raise KeyError
-    assert processes[0].poll() is not None
+    with pytest.raises(KeyError):
+        fails()
+    assert processes
+    assert not any(one.is_alive() for one in processes)
     assert not process._waiting
 
 
@@ -61,7 +75,7 @@ def test_a_process_that_is_not_asked_ends(ready, monkeypatch):
 )
 def test_no_process_where_it_is_of_no_use(ready, monkeypatch, cores, imported, wanted):
     monkeypatch.setattr(process, "cores", lambda: cores)
-    monkeypatch.setattr(process, "_start", lambda: pytest.fail("started"))
+    monkeypatch.setattr(process, "ProcessPoolExecutor", lambda *given: pytest.fail("started"))
     if imported:
         monkeypatch.setitem(sys.modules, "matplotlib", None)
     with process.drawing_beside(wanted):

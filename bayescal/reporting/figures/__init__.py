@@ -8,14 +8,15 @@ reason, the first process draws them itself.
 from __future__ import annotations
 
 import os
-import pickle
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
+from multiprocessing import get_context
 from typing import TYPE_CHECKING
+
+from bayescal.storage.workers import kill, settle
 
 if TYPE_CHECKING:
     from bayescal.reporting.figures.estimates import Draws
@@ -25,9 +26,9 @@ Figures = dict[str, bytes]
 """Names of PNG files and their content."""
 PATIENCE = 120.0
 """Time, s, after which a process that does not answer is ended (assumed: it draws in three)."""
-AHEAD = ("matplotlib.backends.backend_agg", "matplotlib.figure", "PIL.PngImagePlugin")
+AHEAD = ("matplotlib.backends.backend_agg", "matplotlib.figure", "PIL.PngImagePlugin", f"{__name__}.figures")
 """Modules that are slow to import: the process imports them while it waits for a record."""
-_waiting: list[subprocess.Popen[bytes]] = []
+_waiting: list[ProcessPoolExecutor] = []
 
 
 @contextmanager
@@ -39,16 +40,15 @@ def drawing_beside(wanted: bool = True) -> Iterator[None]:
     if not wanted or cores() < 2 or "matplotlib" in sys.modules:
         yield
         return
-    started = _start()
-    _waiting.append(started)
+    pool = ProcessPoolExecutor(1, get_context("spawn"), settle)
+    pool.map(import_module, AHEAD)
+    _waiting.append(pool)
     try:
         yield
     finally:
-        started.kill()
-        if started in _waiting:  # else the thread that asks it closes it
-            _waiting.remove(started)
-            started.communicate()
-        started.wait()
+        _waiting.clear()
+        kill(pool)
+        pool.shutdown(cancel_futures=True)
 
 
 def figures_of(record: Json, draws: Draws | None = None) -> Figures:
@@ -63,15 +63,13 @@ def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
     """Begin to draw the figures of a record, with the draws of its parameters; call the result for them."""
     if not _waiting:
         return lambda: figures_of(record, draws)
-    question = pickle.dumps((dict(record), draws))
-    asked = ThreadPoolExecutor(1).submit(_waiting.pop().communicate, question)
+    asked = _waiting.pop().submit(figures_of, dict(record), draws)
 
     def wait() -> Figures:
         try:
-            drawn: Figures = pickle.loads(asked.result(PATIENCE)[0])
-        except (TimeoutError, OSError, EOFError, pickle.UnpicklingError):  # it hangs, or failed
+            return asked.result(PATIENCE)
+        except Exception:  # it hangs, or failed for any reason
             return figures_of(record, draws)
-        return drawn
 
     return wait
 
@@ -79,22 +77,3 @@ def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
 def cores() -> int:
     """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _start() -> subprocess.Popen[bytes]:
-    """The process: it imports from the same folders as this one, and says nothing on a terminal."""
-    code = f"from {__name__} import answer; answer()"
-    return subprocess.Popen(
-        [sys.executable, "-P", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-    )  # fmt: skip
-
-
-def answer() -> None:
-    """Read a record, and write its figures: what the second process does."""
-    for name in (*AHEAD, "bayescal.reporting.figures.figures"):
-        import_module(name)
-    asked = sys.stdin.buffer.read()
-    if asked:  # else the first process has ended
-        sys.stdout.buffer.write(pickle.dumps(figures_of(*pickle.loads(asked))))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.sheet import LANE, MM_PER_PT, Entry, Panel, Row, rows_panel, upright
+from bayescal.reporting.figures.sheet import LANE, MM_PER_PT, Entry, Panel, Row, first_of, rows_panel, upright
 from bayescal.reporting.style import ACCENT, FAINT, GREY, HOLLOW, INK, MARKED, MARKERS, NOISE, SERIES
 from bayescal.reporting.text import level_labels, measured, per_residual, with_unit
 from bayescal.storage.reading import Json
@@ -35,7 +35,7 @@ KINDS = {"planes": "validation contacts", "distances": "sphere distances", "poin
 def distances_panel(record: Json) -> Panel | None:
     """Error of each certified distance after calibration, and its 95 % prediction interval."""
     every = sorted(record["validation"]["distances"], key=lambda d: -abs(d["calibrated_error_um"]))
-    shown = every[:MOST]
+    shown, note = first_of(every, MOST, "distances with smaller errors are not shown")
     if not shown:
         return None
     rows = [
@@ -59,8 +59,6 @@ def distances_panel(record: Json) -> Panel | None:
     key = [Entry("error after calibration", INSIDE), Entry("95 % prediction interval", INTERVAL)]
     if not all(d["inside95"] for d in shown):
         key.insert(1, Entry("outside the interval", OUTSIDE))
-    more = len(every) - len(shown)
-    note = f"{more} distances with smaller errors are not shown" if more else ""
     title = "Certified distances: error before → after calibration"
     return rows_panel(rows, lanes, title, "error after calibration (µm)", note, key)
 
@@ -203,8 +201,7 @@ def of_arm(record: Json) -> list[Json]:
 
 def parameter_panels(record: Json) -> list[Panel]:
     """Deviations from the prior mean over the prior standard deviation, in one or two columns."""
-    every = of_arm(record)
-    shown = every[:MOST_PARAMETERS]
+    shown, note = first_of(of_arm(record), MOST_PARAMETERS, "further parameters are not shown")
     level = {name: key for key in STYLES for name in record["identifiability"][key]}
     used = [key for key in STYLES if any(level.get(p["name"], "determined") == key for p in shown)]
     key = [Entry(*STYLES[k]) for k in used]
@@ -216,8 +213,6 @@ def parameter_panels(record: Json) -> list[Panel]:
     edge = max(2.3, 1.08 * most)
     half = -(-len(shown) // 2)
     parts = [shown[:half], shown[half:]] if len(shown) > 6 else [shown]
-    more = len(every) - len(shown)
-    note = f"{more} further parameters are not shown" if more else ""
     return [
         _panel(part, level, edge, key if k == 0 else (), note if k == len(parts) - 1 else "")
         for k, part in enumerate(parts)

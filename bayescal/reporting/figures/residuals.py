@@ -13,7 +13,7 @@ import numpy as np
 from bayescal.effects.location import Site
 from bayescal.reporting.body import DRAWN, View, fill, joints_of, marks_of, of_units, outlines, posed, typical
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, rows_panel
+from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, first_of, rows_panel
 from bayescal.reporting.style import ACCENT, GREY, HOLLOW, INK, MARKED, NOISE, SERIES
 from bayescal.reporting.text import significant
 from bayescal.statistics import chi2_isf, grouped, rms
@@ -193,10 +193,8 @@ def targets_panel(e: Errors, edge: float) -> Panel:
     used = e.kind != "rejected"
     errors = {str(t): e.value[used & (e.target == t)] for t in np.unique(e.target[used])}
     names = sorted(errors, key=lambda t: -rms(errors[t]))
-    shown = names[:MOST_TARGETS]
+    shown, note = first_of(names, MOST_TARGETS, "targets with smaller errors are not shown")
     rows = [Row(t, f"RMS {rms(errors[t]):.1f} µm, {len(errors[t])} measurements") for t in shown]
-    more = len(names) - len(shown)
-    note = f"{more} targets with smaller errors are not shown" if more else ""
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
         _band(axes, e, across=True)

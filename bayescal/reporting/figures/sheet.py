@@ -285,6 +285,12 @@ class Row:
     strong: bool = False
 
 
+def first_of(every: Sequence[Any], most: int, what: str) -> tuple[Sequence[Any], str]:
+    """The first of what could be shown, and a note: how many others `what`, or ""."""
+    more = len(every) - most
+    return every[:most], f"{more} {what}" if more > 0 else ""
+
+
 def _lines(row: Row, inner: float) -> tuple[list[str], list[str], float, float]:
     """Lines of a label and of its numbers, how far below the label's top these begin, and the height; mm."""
     taken = width(row.text) + BETWEEN if row.text else 0.0

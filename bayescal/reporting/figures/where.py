@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, rows_panel
+from bayescal.reporting.figures.sheet import LANE, Entry, Panel, Row, first_of, rows_panel
 from bayescal.reporting.style import ACCENT, FAINT, GREY, MARKED
 from bayescal.reporting.text import not_assessed, per_residual, probability, rival, signed, significant
 from bayescal.storage.reading import Json
@@ -231,7 +231,7 @@ TYPES = {"A": FILLED, "B": HATCHED}
 def budget_panel(budget: Json) -> Panel:
     """Bars of the contributions; `budget` is the content of budget.json."""
     every = sorted(budget["components"], key=lambda c: -abs(c["contribution_um"]))
-    shown = every[:MOST]
+    shown, note = first_of(every, MOST, "smaller components are not shown")
     total = budget["u_um"]
 
     def share(um: float) -> str:
@@ -244,7 +244,5 @@ def budget_panel(budget: Json) -> Panel:
     ]
     used = dict.fromkeys(c["type"] for c in shown)
     key = [Entry(f"type {t}", TYPES.get(t, OPEN), True) for t in used]
-    more = len(every) - len(shown)
-    notes = [f"u {total:.2g} µm, U {budget['U_um']:.2g} µm (k = {budget['k']:.3g})"]
-    notes += [f"{more} smaller components are not shown"] if more else []
+    notes = filter(None, (f"u {total:.2g} µm, U {budget['U_um']:.2g} µm (k = {budget['k']:.3g})", note))
     return bars_panel(bars, "", "contribution to the standard uncertainty (µm)", "; ".join(notes), key)
