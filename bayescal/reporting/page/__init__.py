@@ -9,7 +9,6 @@ hash that the policy permits: `plotly.graph_objects` is slow to import and not n
 import base64
 import gzip
 import hashlib
-import json
 import re
 import shlex
 from collections.abc import Mapping, Sequence
@@ -262,15 +261,8 @@ def coded(text: Any) -> Markup:
 
 ASSETS = Path(__file__).parent / "templates"
 TEMPLATES = templates_beside(__file__, {"coded": coded}, autoescape=True, keep_trailing_newline=False)
-"""Templates of pages; values are escaped."""
-
-
-def script_json(value: Any) -> Markup:
-    """JSON for the inside of a script element: no text in it can end the element."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII: U+2028 is escaped too
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return Markup(text)
+"""Templates of pages; values are escaped, also those of JSON: no text in it can end a script element."""
+TEMPLATES.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
 
 
 def asset(name: str) -> str:
@@ -312,5 +304,5 @@ def page(
         foot=foot, style=Markup(asset("page.css")),
         policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {allowed}; "
         "base-uri 'none'; form-action 'none'",
-        data=None if data is None else script_json(data), script=Markup(script), packed=packed,
+        data=data, script=Markup(script), packed=packed,
     )  # fmt: skip

@@ -39,6 +39,8 @@ DOUBTFUL = ("No effect found", "Possible effect", "Probable effect")
 LINES = 3
 """Lines of the verdict that are seen at once; the effects of all follow with their sizes."""
 DISTANCES = "sphere distances"
+FACTS = ("location", "size", "probability", "share of the excess", "what happens")
+"""What may be stated of a fault."""
 
 
 def verdict_of(record: Json) -> tuple[str, str, str]:
@@ -69,51 +71,49 @@ def _lines(word: str, words: Sequence[str]) -> list[str]:
 
 def faults(record: Json) -> list[Fault]:
     """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
-    out, may_be = [], further(record)
+    out, may_be, of_class = [], further(record), record["class"]
     for named in record["named"]:
-        amplitudes = sheets.amplitudes_of(record, named["effect"])
-        facts = [
-            ("location", sheets.location_of(record, named["effect"])),
-            ("size", sheets.sizes_of(amplitudes)),
-            ("probability", text.probability(named["probability"])),
-            ("share of the excess", sheets.share_of(record, named["effect"])),
-        ]
-        name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
-        doubt = doubt_of(named)
-        advice = FIRST if doubt or record["class"] else _remedy(named["effect"])
+        effect, doubt = named["effect"], doubt_of(named)
+        name = effect + ("" if named["confirmed"] else " (validation data do not confirm it)")
+        advice = FIRST if doubt or of_class else _remedy(effect)
         if neighbours := [Site.read(site).text for site in named["neighbours"]]:
             advice = f"Check {text.listed(neighbours)} too: {ALIKE}. {advice}"
-        out.append(Fault(f"{doubt}{name}", _stated(facts), advice))
+        size = sheets.sizes_of(sheets.amplitudes_of(record, effect))
+        place, share = sheets.location_of(record, effect), sheets.share_of(record, effect)
+        out.append(_fault(f"{doubt}{name}", advice, named["probability"], place, size, share))
     where, unmodelled = sheets.unexplained(record), record["verdict"] in sheets.UNMODELLED
     if (unmodelled and not may_be) or (where and "event" in where):
-        p = record["probability"].get(sheets.OTHER)
-        facts = [
-            ("location", where["text"] if where else NOWHERE),
-            ("size", sheets.size_of(record, where) if where else ""),
-            ("probability", "" if p is None else text.probability(p)),
-            ("share of the excess", text.share(where["share"]) if where else ""),
-            ("what happens", where.get("words", "") if where else ""),
-        ]
-        remedy = where.get("remedy", "") if where else ""
         name = f"{'' if unmodelled else 'possibly '}{text.rival(sheets.OTHER)}"
-        out.append(Fault(name, _stated(facts), remedy or UNKNOWN))
+        p = record["probability"].get(sheets.OTHER)
+        fault = _fault(name, UNKNOWN, p, NOWHERE)
+        if where:
+            size, share = sheets.size_of(record, where), text.share(where["share"])
+            remedy, happens = where.get("remedy") or UNKNOWN, where.get("words", "")
+            fault = _fault(name, remedy, p, where["text"], size, share, happens)
+        out.append(fault)
     if record["verdict"] == "ambiguous":
-        said = [sheets.OTHER] if where else []
-        may_be = tuple(
-            n for n in record["credible_set90"] if n not in (sheets.NULL, *said, *record["effects"])
-        )
-    if record["class"]:
-        likely = (n for n, p in record["class"]["members"].items() if p >= LIKELY)
+        said = (sheets.NULL, *record["effects"], *([sheets.OTHER] if where else []))
+        may_be = tuple(n for n in record["credible_set90"] if n not in said)
+    if of_class:
+        likely = (n for n, p in of_class["members"].items() if p >= LIKELY)
         may_be = tuple(sheets.OTHER if n == OTHER else n for n in likely if n not in record["effects"])
     for name in may_be:
         p = record["probability"].get(name) or 0.0
-        doubtful = record["class"] or p < text.SURE
-        remedy = UNKNOWN if name == sheets.OTHER else FIRST if doubtful else _remedy(name)
-        site = record["class"]["site"] if record["class"] and name == sheets.OTHER else ""
-        facts = [("location", site), ("probability", text.probability(p))]
-        fault = Fault(f"{'' if p >= text.SURE else 'possibly '}{text.rival(name)}", _stated(facts), remedy)
-        out.insert(0 if p >= text.SURE else len(out), fault)
+        sure, other = p >= text.SURE, name == sheets.OTHER
+        remedy = UNKNOWN if other else _remedy(name) if sure and not of_class else FIRST
+        site = of_class["site"] if of_class and other else ""
+        fault = _fault(f"{'' if sure else 'possibly '}{text.rival(name)}", remedy, p, site)
+        out.insert(0 if sure else len(out), fault)
     return out
+
+
+def _fault(
+    name: str, remedy: str, p: float | None, location: str, size: str = "", share: str = "", happens: str = ""
+) -> Fault:
+    """A fault with the facts that are stated of it."""
+    probability = "" if p is None else text.probability(p)
+    facts = zip(FACTS, (location, size, probability, share, happens), strict=True)
+    return Fault(name, tuple(fact for fact in facts if fact[1] not in ("", text.MISSING)), remedy)
 
 
 def doubt_of(named: Json) -> str:
@@ -131,10 +131,6 @@ def further(record: Json) -> tuple[str, ...]:
     if record["verdict"] != "named+unexplained" or together <= (p.get(sheets.OTHER) or 0.0):
         return ()
     return tuple(n for n in others if (p.get(n) or 0.0) >= LIKELY) or others
-
-
-def _stated(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    return tuple((name, value) for name, value in facts if value not in ("", text.MISSING))
 
 
 def _remedy(effect: str) -> str:
