@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -26,6 +26,8 @@ def model_options(model: Sequence[str], without: Sequence[str]) -> str:
 
 GAP = 2
 """Blanks between columns."""
+LOOK: dict[str, Any] = {"box": None, "pad_edge": False, "header_style": "dim", "padding": (0, GAP, 0, 0)}
+"""Of all tables of the terminal."""
 LEAST_NAME = 15
 """Characters that a name keeps before columns move to a further block."""
 
@@ -38,46 +40,37 @@ class FigureTable(Table):
     """
 
     def __init__(self, title: str, *headings: str) -> None:
-        super().__init__(box=None, pad_edge=False, header_style="dim", padding=(0, GAP, 0, 0))
-        self.add_column(title)
+        super().__init__(**LOOK)
+        self.add_column(Text(title))
         for heading in headings:
-            self.add_column(heading, justify="right")
+            self.add_column(Text(heading), justify="right")
+
+    def add_row(self, *cells: Any, **options: Any) -> None:
+        """Add a row; the text of a cell is no markup, whatever console prints it."""
+        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **options)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Blocks of columns, each no wider than the terminal."""
         names, *figures = self.columns
-        longest = max([cell_len(str(names.header)), *_cells(names)])
+        longest = max(cell_len(str(cell)) for cell in (names.header, *names.cells))
         for k, block in enumerate(_blocks(figures, options.max_width - min(longest, LEAST_NAME))):
             if k:
                 yield Text("")
-            yield self._block(block, longest, options.max_width)
+            room = max(options.max_width - sum(GAP + _width(c) for c in block), 1)
+            shown = [(names, min(longest, room)), *((c, _width(c)) for c in block)]
+            table = Table(**LOOK)
+            for c, wide in shown:
+                table.add_column(c.header, justify=c.justify, width=wide, overflow="fold")
+            for row, *cells in zip(self.rows, *(c.cells for c, _ in shown), strict=True):
+                table.add_row(*cells, style=row.style)
+            yield table
         if self.caption:
             yield Text(str(self.caption), style="dim italic")
-
-    def _block(self, figures: list[Column], longest: int, width: int) -> Table:
-        room = max(width - sum(GAP + _width(c) for c in figures), 1)
-        table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, GAP, 0, 0))
-        shown = [(self.columns[0], min(longest, room)), *((c, _width(c)) for c in figures)]
-        for column, wide in shown:
-            table.add_column(_plain(column.header), justify=column.justify, width=wide, overflow="fold")
-        for row, *cells in zip(self.rows, *(column.cells for column, _ in shown), strict=True):
-            table.add_row(*map(_plain, cells), style=row.style)
-        return table
-
-
-def _plain(cell: RenderableType) -> RenderableType:
-    """A cell whose text is no markup, whatever console prints it."""
-    return Text(cell) if isinstance(cell, str) else cell
-
-
-def _cells(column: Column) -> list[int]:
-    """Widths of a column's cells."""
-    return [cell.cell_len if isinstance(cell, Text) else cell_len(str(cell)) for cell in column.cells]
 
 
 def _width(column: Column) -> int:
     """What a column of figures needs: its widest cell, and the longest word of its heading."""
-    return max([1, *_cells(column), *(cell_len(word) for word in str(column.header).split())])
+    return max([1, *(cell_len(text) for text in (*map(str, column.cells), *str(column.header).split()))])
 
 
 def _blocks(figures: list[Column], room: int) -> list[list[Column]]:
@@ -85,11 +78,12 @@ def _blocks(figures: list[Column], room: int) -> list[list[Column]]:
     out: list[list[Column]] = [[]]
     remaining = room
     for column in figures:
-        remaining -= GAP + _width(column)
-        if remaining < 0 and out[-1]:
+        needed = GAP + _width(column)
+        if needed > remaining and out[-1]:
             out.append([])
-            remaining = room - GAP - _width(column)
+            remaining = room
         out[-1].append(column)
+        remaining -= needed
     return out
 
 
