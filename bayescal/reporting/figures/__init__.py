@@ -63,7 +63,9 @@ def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
     """Begin to draw the figures of a record, with the draws of its parameters; call the result for them."""
     if not _waiting:
         return lambda: figures_of(record, draws)
-    asked = _waiting.pop().submit(figures_of, dict(record), draws)
+    from bayescal.reporting.figures import figures
+
+    asked = _waiting.pop().submit(figures.figures_of, dict(record), draws)
 
     def wait() -> Figures:
         try:
