@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtr
 
 from bayescal.effects import UNITS, Parameter, Site
 from bayescal.effects.selection import plain
@@ -23,6 +23,7 @@ from bayescal.estimate.moments import Shift, likelihood, shifts
 from bayescal.fitted.file import ARM_FILE, SCHEMA
 from bayescal.fleets import FEWEST, Arms, Learnt, learn, left_out, widened
 from bayescal.model.options import family
+from bayescal.statistics import t_sf
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record
 
@@ -236,8 +237,8 @@ def _differences(
     out: list[Difference] = []
     for shift in clearest:
         p = parameters[shift.index]
-        tail = norm.sf if np.isinf(dof[shift.index]) else t(dof[shift.index]).sf
-        chance = float(2.0 * tail(abs(shift.ratio)))
+        size, worth = abs(shift.ratio), dof[shift.index]
+        chance = float(2.0 * (ndtr(-size) if np.isinf(worth) else t_sf(size, worth)))
         one = Difference(arm, p, shift.value * p.sd, shift.u * p.sd, chance, min(1.0, count * chance), since)
         if out and not one.stated:
             break

@@ -296,9 +296,10 @@ def test_without_pictures_and_into_an_earlier_result(session, tmp_path):
 
 
 def test_modules_that_take_long_to_import_are_not_where_they_are_not_used():
-    """`--help` draws nothing, and a check of contacts reads no joint log."""
+    """`--help` draws nothing, a check of contacts reads no joint log, workers of a fleet test no arm."""
     program = (
         "import sys, bayescal.reporting.figures.figures, bayescal.reporting.check, bayescal.calibration\n"
+        "import bayescal.public.fleet\n"
         "print(*{'matplotlib', 'emcee', 'scipy.signal', 'scipy.stats'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
