@@ -6,8 +6,6 @@ A table of targets is a CSV file with poses or nominal readings. Columns have th
 Also `j1_degps` ... (their signs are the direction of approach), `payload_kg`, `tool`. Others are kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -5,8 +5,6 @@ a target states, to the target before in a program, or to the poses of the sessi
 is brought to the target by the same search, with all fitted effects acting at the readings of each step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -3,6 +3,7 @@
 from bayescal.model.block import ARM as ARM
 from bayescal.model.block import Block as Block
 from bayescal.model.block import Turned as Turned
+from bayescal.model.equilibrium import arm_at_rest as arm_at_rest
 from bayescal.model.equilibrium import equilibrium as equilibrium
 from bayescal.model.equilibrium import standing as standing
 from bayescal.model.model import ORIENTATION as ORIENTATION

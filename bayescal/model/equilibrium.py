@@ -99,6 +99,25 @@ def equilibrium(
     raise BayescalError(what, "compliance", "check masses (kg) and compliances (µrad/(N m))")
 
 
+def arm_at_rest(
+    scene: Scene, effects: tuple[str, ...], values: Callable[[Model], np.ndarray], still: float,
+    near: Scene | None = None,
+) -> Model:  # fmt: skip
+    """The model of known effects in equilibrium, with their drivers and without any blocks.
+
+    Parameters and errors as of `equilibrium`; `near` is a scene of almost the same readings from whose pose
+    that of the arm is searched.
+    """
+
+    def make(scene: Scene) -> Model:
+        parameters = parameters_of(effects, scene.circumstances(scene.rows("calibrate")))
+        return Model(scene, effects, parameters, (), ())
+
+    if near is not None and near.stance is not None:
+        scene = scene.posed_at(near.stance, near.compliances)
+    return equilibrium(scene, make, values, still)
+
+
 def standing_model(model: Model, values: np.ndarray) -> Model:
     """The model with its gravity moments at the pose of the arm for values (P,), in all rows of the session.
 

@@ -1,7 +1,5 @@
 """Candidate contacts, distributed over all targets, as rows of a session behind those that were measured."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import count
@@ -215,7 +213,7 @@ def candidates(
             if not len(reached):
                 warnings.append(_few(setup, s, EACH))
     progress("candidates", 1.0)
-    return _pool(setup, parts, sum((s.dropped for s in searches), Counter()), tuple(warnings), rng)
+    return _pool(setup, parts, sum((s.dropped for s in searches), Counter()), warnings, rng)
 
 
 CONTACTS = 200
@@ -262,12 +260,12 @@ def _few(setup: Setup, search: Search, wanted: float) -> str:
     return f"{number} possible contacts on {name}: {_reasons(search.dropped)}"
 
 
+Part = tuple[str, Search, np.ndarray, Contacts]
+"""Role, search, tools (K,) and contacts on one target."""
+
+
 def _pool(
-    setup: Setup,
-    parts: list[tuple[str, Search, np.ndarray, Contacts]],
-    dropped: Counter[str],
-    warnings: tuple[str, ...],
-    rng: np.random.Generator,
+    setup: Setup, parts: list[Part], dropped: Counter[str], warnings: list[str], rng: np.random.Generator
 ) -> Pool:
     """All contacts as rows; candidates are in random order, validation contacts behind them."""
     reached = Contacts.join([contacts for *_, contacts in parts])
@@ -286,4 +284,4 @@ def _pool(
     of = np.repeat(np.arange(len(rows)), rows.points)
     shift = session.measurements.readings[before:] - rows.readings[of]
     approach = np.concatenate([setup.dataset.measurements.readings, reached.approach[order][of] + shift])
-    return Pool(setup, session, before, approach, dict(dropped.most_common()), warnings)
+    return Pool(setup, session, before, approach, dict(dropped.most_common()), tuple(warnings))

@@ -12,8 +12,6 @@ the parameters of which even all candidates together tell less than the prior ar
 to O5 the same for every selection.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

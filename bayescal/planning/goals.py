@@ -1,7 +1,5 @@
 """Distances that must be accurate: their slopes by z, and the variance that no contact of a plan changes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

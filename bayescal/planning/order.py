@@ -11,8 +11,6 @@ Where a tool, the placement of an artefact or the payload is changed, the arm fi
 from all solids, and waits there.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +23,7 @@ from bayescal.arm.chain import Robot
 from bayescal.dataset import Measurements
 from bayescal.dataset.write import taken
 from bayescal.planning.pool import Pool
-from bayescal.planning.result import Ways
+from bayescal.planning.result import Way, Ways
 from bayescal.probing.clearance import RETRACT
 from bayescal.probing.contacts import EVERY, SPEED
 from bayescal.probing.motions import RAISED, TOLERANCE, Place, seconds_between
@@ -47,11 +45,7 @@ Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def ordered(
-    pool: Pool,
-    rows: np.ndarray,
-    order: str,
-    rng: np.random.Generator,
-    blocked: Blocked = lambda begin, end: np.zeros(len(begin), bool),
+    pool: Pool, rows: np.ndarray, order: str, rng: np.random.Generator, blocked: Blocked
 ) -> np.ndarray:
     """Positions (M,) that put rows (M,) of the pool's session in an order of `ORDERS`.
 
@@ -87,7 +81,7 @@ def ordered(
     return np.array(out, int)
 
 
-def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -> float:
+def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[Way]) -> float:
     """Time, s, of the motion between contacts in the given order, with approach and retract.
 
     `passed` (each M of (K, n)), rad, are the readings that are passed before each row one after the other
@@ -245,8 +239,8 @@ class Transits:
         changes = self._changes(rows, labels)
         stops = np.array([k == 0 or bool(text) for k, text in enumerate(changes)])
         none = np.empty((0, approach.shape[1]))
-        leave: list[np.ndarray | None] = [none] * len(rows)
-        via: list[np.ndarray | None] = [none] * len(rows)
+        leave: list[Way] = [none] * len(rows)
+        via: list[Way] = [none] * len(rows)
         places = [self.pool.setup.hands[t].place(str(n)) for t, n in zip(tool, labels, strict=True)]
         for k in np.flatnonzero(stops):
             before = None if k == 0 else (places[k - 1], approach[k - 1])
@@ -266,11 +260,7 @@ class Transits:
         return Ways(leave=tuple(leave), via=tuple(via), changes=changes, by_hand=words, clearance=clear)
 
     def _clearance(
-        self,
-        rows: np.ndarray,
-        places: Sequence[Place],
-        leave: Sequence[np.ndarray | None],
-        via: Sequence[np.ndarray | None],
+        self, rows: np.ndarray, places: Sequence[Place], leave: Sequence[Way], via: Sequence[Way]
     ) -> np.ndarray:
         """Smallest clearance (M,), m, of all motions of each row; nan where a part is by hand."""
         approach, m = self.pool.approach[rows], self.pool.session.measurements
@@ -329,9 +319,7 @@ class Transits:
         return tuple(out)
 
 
-def stopped(
-    before: tuple[Place, np.ndarray] | None, after: tuple[Place, np.ndarray]
-) -> tuple[np.ndarray | None, np.ndarray | None]:
+def stopped(before: tuple[Place, np.ndarray] | None, after: tuple[Place, np.ndarray]) -> tuple[Way, Way]:
     """Ways (K, n) from an approach (n,) to a raised pose where the arm waits, and from there to another.
 
     The last of the first is where it waits. At the start of a session (`before` is None) it is the only. None

@@ -1,7 +1,5 @@
 """A plan: contacts chosen for distances and for what a diagnosis left open, in the order of probing."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

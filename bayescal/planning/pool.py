@@ -12,8 +12,6 @@ simulated. A contact has one residual, a point that an instrument reads three, a
 contacts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -9,8 +9,6 @@ needs a refit.
 The effects that a model lacks, at every site that the candidates of a pool can show, as columns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

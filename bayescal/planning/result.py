@@ -3,8 +3,6 @@
 Expected are the uncertainty of distances and parameters, assuming the model is correct.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -98,6 +96,10 @@ class Curves:
     next_u: float
 
 
+Way = np.ndarray | None
+"""Readings (K, n), rad, that are passed on a motion; None where no free motion is known."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Ways:
     """Motions to the approaches of N rows in the order of probing.
@@ -125,8 +127,8 @@ class Ways:
         with its stop, the approach and the retract. nan where a part of the way is by hand.
     """
 
-    via: tuple[np.ndarray | None, ...] = ()
-    leave: tuple[np.ndarray | None, ...] = ()
+    via: tuple[Way, ...] = ()
+    leave: tuple[Way, ...] = ()
     changes: tuple[str, ...] = ()
     by_hand: tuple[str, ...] = ()
     clearance: np.ndarray = field(default_factory=lambda: np.empty(0))

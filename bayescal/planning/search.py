@@ -4,8 +4,6 @@ A sphere that validates is located by contacts at nearly one orientation of the 
 error of the arm that depends on the configuration does not deform it.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +14,7 @@ from bayescal.arm.transforms import cone, cross
 from bayescal.dataset import Dataset
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.planning.pool import Setup
-from bayescal.probing.contacts import Contacts, Hand, Sites
+from bayescal.probing.contacts import Contacts, Hand, Sites, Straight
 from bayescal.probing.placement import spread
 
 BATCH = 4000  # places that are tried at once: memory
@@ -81,12 +79,13 @@ def tools_for(dataset: Dataset, target: int) -> list[int]:
     return others if kind.of_instrument and others else balls or others
 
 
-def sites_on(setup: Setup, target: int, tool: int, count: int, rng: np.random.Generator) -> Sites:
-    """`count` random places of a tool on a target, with random directions of it within its cone.
+def sites_on(setup: Setup, search: Search, tool: int, count: int, rng: np.random.Generator) -> Sites:
+    """`count` random places of a tool on the target of a search, with random directions within its cone.
 
     Where the kind of the target gives none, they are in the volume of interest, or wherever the arm reaches.
     """
-    entry, radius = setup.dataset.targets[target], setup.dataset.tools[tool].ball_radius or 0.0
+    entry, radius = setup.dataset.targets[search.target], setup.dataset.tools[tool].ball_radius or 0.0
+    solid = np.full(count, search.solid)
     planned, region, places = KINDS[entry.kind].probing, setup.regions.get(entry.name), None
     if planned.places is not None and region is not None:
         places = planned.places(entry, region, radius, count, rng)
@@ -95,12 +94,13 @@ def sites_on(setup: Setup, target: int, tool: int, count: int, rng: np.random.Ge
         fault = np.full(len(poses), "", object)
         if planned.faults is not None:
             fault = planned.faults(entry, region, poses)
-        return Sites(poses[:, :, 3], np.full((count, 3), np.nan), poses[:, :, 2], poses[:, :, :3], fault)
+        nothing = np.full((count, 3), np.nan)
+        return Sites(poses[:, :, 3], nothing, poses[:, :, 2], poses[:, :, :3], fault, solid)
     points, normals = places or (_in_volume(setup, tool, count, rng), np.full((count, 3), np.nan))
     axes = cone(np.tile([0.0, 0.0, 1.0], (count, 1)), np.pi, rng)
     touched = np.isfinite(normals[:, :1])
     axes = np.where(touched, cone(np.where(touched, -normals, axes), setup.cone, rng), axes)
-    return Sites.of(points, normals, axes)
+    return Sites.of(points, normals, axes, solid)
 
 
 def _in_volume(setup: Setup, tool: int, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -131,17 +131,16 @@ def tried_once(
         for search, number in zip(searches, missing, strict=True):
             if number > 0 and tool in search.tools:
                 tries = int(np.ceil(SPARE * number / search.share / len(search.tools))) + 8
-                parts.append(sites_on(setup, search.target, tool, min(tries, BATCH), rng))
+                parts.append(sites_on(setup, search, tool, min(tries, BATCH), rng))
                 active.append(search)
         if not parts:
             continue
         sites = Sites.join(parts)
         index = np.repeat(np.arange(len(active)), [len(part) for part in parts])
-        solid = np.array([s.solid for s in active])[index]
-        by_hand = any(s.by_hand for s in active)
+        way = Straight(hand, turning, any(s.by_hand for s in active))
         for begin in range(0, len(sites), BATCH):
             some = slice(begin, begin + BATCH)
-            reached = hand.reach(sites[some], solid[some], rng, turning=turning, by_hand=by_hand)
+            reached = way.reach(sites[some], rng)
             for k, search in enumerate(active):
                 _judge(setup, search, hand, reached, index[some] == k)
                 search.count(reached, index[some] == k)
@@ -208,10 +207,10 @@ def _located(setup: Setup, searches: Sequence[Search], tool: int, rng: np.random
     def places(count: np.ndarray) -> Sites:
         """Random places on each sphere, `count` (S,)."""
         each = zip(searches, count, strict=True)
-        return Sites.join([sites_on(setup, s.target, tool, int(n), rng) for s, n in each])
+        return Sites.join([sites_on(setup, s, tool, int(n), rng) for s, n in each])
 
     def reach(sites: Sites, sphere: np.ndarray, starts: np.ndarray | None = None) -> Contacts:
-        reached = hand.reach(sites, np.array([s.solid for s in searches])[sphere], rng, starts)
+        reached = Straight(hand).reach(sites, rng, starts)
         for k, search in enumerate(searches):
             search.count(reached, sphere == k)
         return reached

@@ -9,15 +9,12 @@ Of a plan: the smallest detectable amplitude of every effect, and for pairs of e
 the intervention that would: its contacts repeated under other conditions (`gap.candidate_contacts`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bayescal.dataset.write import taken
-from bayescal.estimate import Estimate
 from bayescal.gap.candidate_contacts import widened
 from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.gap.settings import DESIGN
@@ -179,7 +176,8 @@ def choose(
     exchanges = count if exchanges is None else exchanges
     chosen: list[int] = []
     for done in range(count):
-        best = _next(contrasts, p, free, rng, _undetermined(contrasts, len(start) + done, done, count))
+        undetermined = _undetermined(contrasts, len(start) + done, done, count)
+        best = _least_determined(p, free) if undetermined else _next(contrasts, p, free, rng)
         p.change(best, 1.0)
         free[best] = False
         chosen.append(best)
@@ -223,18 +221,15 @@ def _undetermined(contrasts: Contrasts, before: int, done: int, count: int) -> b
     return done < SHARE * count and measured + before < contrasts.columns.design.shape[1]
 
 
-def _next(
-    contrasts: Contrasts,
-    p: Projection,
-    free: np.ndarray,
-    rng: np.random.Generator,
-    undetermined: bool = False,
-) -> int:
-    """The best of the candidates that are `free`: by the variance of its prediction, or by the objective."""
+def _least_determined(p: Projection, free: np.ndarray) -> int:
+    """The candidate, of those that are `free`, whose prediction has the largest variance."""
+    each = np.bincount(p.linear.candidate, p.variance, p.linear.count)  # sums over residuals
+    return int(np.argmax(np.where(free, each, -np.inf)))
+
+
+def _next(contrasts: Contrasts, p: Projection, free: np.ndarray, rng: np.random.Generator) -> int:
+    """The best of the candidates that are `free`, by the objective."""
     candidates = np.flatnonzero(free)
-    if undetermined:
-        each = np.bincount(p.linear.candidate, p.variance, p.linear.count)  # sums over residuals
-        return int(candidates[np.argmax(each[candidates])])
     if len(candidates) > TRIED:
         candidates = np.sort(rng.choice(candidates, TRIED, replace=False))
     return int(candidates[np.argmax(contrasts.changed(p, candidates, 1.0))])
@@ -275,11 +270,17 @@ def with_levers(
         return tuple(c for _, c in similar)
     again, names, which = _repeated(pool, chosen)
     fitted = nominal(again.session, effects, without)
-    out = []
-    for pair, c in similar:
-        words = "" if c.after >= SEPARATED else _lever(again, fitted, pair, names, which, rng, without)
-        out.append(replace(c, intervention=words))
-    return tuple(out)
+
+    def lever(pair: Pair) -> str:
+        """The first intervention that separates a pair, as text."""
+        c = contrasts(again, fitted, [pair], without)
+        for k, name in enumerate(names):
+            best = choose(c, DESIGN.contacts, rng, allowed=which == k, exchanges=0)
+            if c.strengths(Projection(c.columns, best))[0] >= SEPARATED:
+                return f"{len(best)} measurements: {name}"
+        return NO_LEVER
+
+    return tuple(c if c.after >= SEPARATED else replace(c, intervention=lever(p)) for p, c in similar)
 
 
 def _repeated(pool: Pool, chosen: np.ndarray) -> tuple[Pool, list[str], np.ndarray]:
@@ -294,21 +295,3 @@ def _repeated(pool: Pool, chosen: np.ndarray) -> tuple[Pool, list[str], np.ndarr
     which = np.repeat(np.arange(len(interventions)), [len(i.rows) for i in interventions])
     again = replace(pool, session=session, measured=len(rows), approach=session.measurements.readings)
     return again, [i.what for i in interventions], which[again.candidates - len(rows)]
-
-
-def _lever(
-    again: Pool,
-    fitted: Estimate,
-    pair: Pair,
-    names: Sequence[str],
-    which: np.ndarray,
-    rng: np.random.Generator,
-    without: Sequence[Part],
-) -> str:
-    """The first intervention that separates a pair, as text."""
-    c = contrasts(again, fitted, [pair], without)
-    for k, name in enumerate(names):
-        best = choose(c, DESIGN.contacts, rng, allowed=which == k, exchanges=0)
-        if c.strengths(Projection(c.columns, best))[0] >= SEPARATED:
-            return f"{len(best)} measurements: {name}"
-    return NO_LEVER

@@ -1,7 +1,5 @@
 """The setup of a session that is to be planned: read from a folder, or continued from a measured session."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from functools import partial

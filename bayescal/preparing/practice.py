@@ -7,6 +7,7 @@ gives it.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,8 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import taken
-from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
-from bayescal.model import ARM, Model, equilibrium, with_parameters
+from bayescal.model import ARM, Model, arm_at_rest, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
@@ -108,15 +108,8 @@ def _in_turn(target: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def _arm(dataset: Dataset, options: Options, near: Scene | None = None) -> Model:
     """The model of all rows whose parameters the true arm has, with gravity at its deflected pose."""
-
-    def make(scene: Scene) -> Model:
-        parameters = parameters_of(options.effects, scene.circumstances(scene.rows("calibrate")))
-        return with_parameters(scene, options.effects, parameters)
-
-    scene = Scene(dataset)
-    if near is not None and near.stance is not None:
-        scene = scene.posed_at(near.stance, near.compliances)
-    return equilibrium(scene, make, lambda model: draws(options, model), STILL)
+    model = arm_at_rest(Scene(dataset), options.effects, partial(draws, options), STILL, near)
+    return with_parameters(model.scene, model.effects, model.parameters)
 
 
 def _targets(model: Model, options: Options) -> np.ndarray:

@@ -16,8 +16,6 @@ the first, wide for collaborative arms and narrow for the shoulder of small indu
 link in robot.yaml replaces it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.inverse import LEVER, PASSES, descend, to_frames, to_points
+from bayescal.arm.inverse import LEVER, PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.transforms import cone, rpy_matrix
 from bayescal.dataset.types import Dataset
 from bayescal.probing.clearance import RETRACT, Clearance, path_free
-from bayescal.probing.motions import CLEAR, DIRECTED, Arm, Place, inverse
+from bayescal.probing.motions import CLEAR, DIRECTED, Arm, Place
 from bayescal.probing.scene import Scene, held_by
 
 SPEED = 5e-3  # m/s of the ball when it touches
@@ -80,6 +80,8 @@ class Sites(Rows):
         Orientations of the tool in F0 that are to be had, as far as the arm has joints; nan where any may be.
     fault : np.ndarray of object, shape (M,)
         Why a place is of no use, or "".
+    touched : np.ndarray of int, shape (M,)
+        Index of the solid that each place is on, -1 for none.
     """
 
     points: np.ndarray
@@ -87,12 +89,13 @@ class Sites(Rows):
     axes: np.ndarray
     turns: np.ndarray
     fault: np.ndarray
+    touched: np.ndarray
 
     @classmethod
-    def of(cls, points: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> Sites:
+    def of(cls, points: np.ndarray, normals: np.ndarray, axes: np.ndarray, touched: np.ndarray) -> Sites:
         """Places with free orientation about the axes."""
         turns, fault = np.full((len(points), 3, 3), np.nan), np.full(len(points), "", object)
-        return cls(points, normals, axes, turns, fault)
+        return cls(points, normals, axes, turns, fault, touched)
 
     @property
     def free(self) -> np.ndarray:
@@ -125,55 +128,64 @@ class Contacts(Rows):
         return np.flatnonzero(self.reason == "")
 
 
+def inverse(arm: Arm, starts: np.ndarray, sites: Sites, passes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (M, n), rad, within the limits, with the TCP at places, and which of them are solutions, (M,).
+
+    The tool has the axes of the places, or their orientations where they have some; of arms with fewer than
+    `DIRECTED` joints, and where nothing is touched, only the position is solved. Searches of at most `passes`
+    steps begin at readings `starts` (M, n), rad.
+    """
+    angles, solved, (low, high) = arm.angles_of(starts), np.zeros(len(starts), bool), arm.range
+    turned = np.isfinite(sites.turns).all(axis=(1, 2))
+    directed = ~turned & ~sites.free & (arm.robot.n >= DIRECTED)
+    goals = np.tile(np.eye(4), (len(starts), 1, 1))
+    goals[:, :3, 3] = sites.points
+    goals[turned, :3, :3] = sites.turns[turned]
+    for rows, task in (
+        (r := np.flatnonzero(~directed & ~turned), to_points(arm, sites.points[r])),
+        (r := np.flatnonzero(directed), to_axes(arm, sites.points[r], sites.axes[r])),
+        (r := np.flatnonzero(turned), to_frames(arm, goals[r])),
+    ):
+        angles[rows], solved[rows] = descend(task, angles[rows], low, high, passes)
+    return arm.readings_of(angles), solved
+
+
 def reach(
-    arm: Arm,
-    way: Moving | Straight,
-    half_angle: float,
-    sites: Sites,
-    touched: np.ndarray,
-    starts: np.ndarray,
-    rng: np.random.Generator,
-    passes: int = PASSES,
-    group: np.ndarray | None = None,
+    way: Way, sites: Sites, starts: np.ndarray, rng: np.random.Generator, number: np.ndarray, passes: int
 ) -> Contacts:
     """Readings at places, with an approach, that neither collide nor are near a singularity.
 
     Parameters
     ----------
-    arm : Arm
     way : Moving or Straight
         Its `approach` gives readings and velocities (M, n) of the approach, and why there is none, or "". Its
         `collisions` state what each contact or its approach collides with, or "", (M,).
-    half_angle : float
-        Greatest angle of the tool, rad, about the inward normal.
     sites : Sites
-    touched : np.ndarray of int, shape (M,)
-        Index of the solid that each place is on, -1 for none.
     starts : np.ndarray, shape (M, n)
         Readings, rad, where each search begins.
     rng : np.random.Generator
         Of the approaches.
+    number : np.ndarray of int, shape (M,)
+        Sites of one number serve for one contact: the first that is free is taken.
     passes : int
         Maximum number of steps of the inverse kinematics.
-    group : np.ndarray of int, shape (M,), optional
-        Sites of one number serve for one contact: the first that is free is taken.
     """
-    readings, solved = inverse(arm, starts, sites.points, sites.axes, passes, sites.free, sites.turns)
+    arm = way.hand.arm
+    readings, solved = inverse(arm, starts, sites, passes)
     reason = np.where(sites.fault != "", sites.fault, np.where(solved, "", UNREACHED)).astype(object)
     pose = arm.frames(readings)
     inward = np.sum(arm.tool_axis(pose) * -sites.normals, axis=1)
-    reason[(reason == "") & ~sites.free & (inward < np.cos(half_angle) - 1e-6)] = OUTSIDE
+    reason[(reason == "") & ~sites.free & (inward < np.cos(way.hand.cone) - 1e-6)] = OUTSIDE
     reason[(reason == "") & ~arm.upright(pose)] = BENT
     out = Contacts(readings, np.zeros(readings.shape), readings.copy(), reason)
     rows = np.flatnonzero((reason == "") & ~sites.free)
     if len(rows):
         approach = way.approach(readings[rows], pose[rows], sites[rows], rng)
         out.approach[rows], out.velocity[rows], reason[rows] = approach
-    number = np.arange(len(sites)) if group is None else group
     waiting = np.flatnonzero(reason == "")
     while len(waiting):
         rows = waiting[np.unique(number[waiting], return_index=True)[1]]
-        reason[rows] = way.collisions(out[rows], sites[rows], touched[rows])
+        reason[rows] = way.collisions(out[rows], sites[rows])
         waiting = np.setdiff1d(waiting, rows)
         served = np.isin(number[waiting], number[rows[reason[rows] == ""]])
         reason[waiting[served]] = SPARE
@@ -188,26 +200,27 @@ class Moving:
     The arm also rotates slowly about the ball, so that every joint moves in both directions in a session.
     """
 
-    arm: Arm
-    clearance: Clearance
+    hand: Hand
 
     def approach(
         self, readings: np.ndarray, pose: np.ndarray, sites: Sites, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `reach`; the approach is the contact itself."""
-        n, jacobian = self.arm.robot.n, self.arm.jacobian(pose)[:, :3]
+        arm = self.hand.arm
+        n, jacobian = arm.robot.n, arm.jacobian(pose)[:, :3]
         pseudo = np.linalg.pinv(jacobian, rcond=1e-6)
         drive = (pseudo @ (SPEED * cone(-sites.normals, SLANT, rng))[..., None])[..., 0]
         still = np.eye(n) - pseudo @ jacobian
         spin = (still @ rng.normal(0, SPIN, (len(pose), n, 1)))[..., 0]
         slow = np.abs(drive).max(axis=1) < FASTEST
-        return readings, self.arm.readings_of(drive + spin), np.where(slow, "", FAST).astype(object)
+        return readings, arm.readings_of(drive + spin), np.where(slow, "", FAST).astype(object)
 
-    def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
+    def collisions(self, contacts: Contacts, sites: Sites) -> np.ndarray:
         """See `reach`."""
-        free = self.clearance.collides(contacts.readings, touched) == 0
+        clearance = self.hand.clearance
+        free = clearance.collides(contacts.readings, sites.touched) == 0
         rows = np.flatnonzero(free)
-        hit = path_free(self.clearance, contacts.readings[rows], sites.normals[rows], touched[rows])
+        hit = path_free(clearance, contacts.readings[rows], sites.normals[rows], sites.touched[rows])
         free[rows] = hit == 0
         return np.where(free, "", NEAR).astype(object)
 
@@ -268,20 +281,6 @@ class Hand:
         near = np.asarray(self._near.query(wanted, k=NEAREST)[1])
         return self.anywhere[near[np.arange(len(near)), rng.integers(NEAREST, size=len(near))]]
 
-    def reach(
-        self,
-        sites: Sites,
-        touched: np.ndarray,
-        rng: np.random.Generator,
-        starts: np.ndarray | None = None,
-        turning: float = TURNING,
-        by_hand: bool = False,
-    ) -> Contacts:
-        """As `reach`, by the way `Straight`; searches begin at random if no starts are given."""
-        starts = self.starts(sites, rng) if starts is None else starts
-        way = Straight(self, turning, by_hand)
-        return reach(self.arm, way, self.cone, sites, touched, starts, rng)
-
     def line(
         self, readings: np.ndarray, approach: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -327,8 +326,13 @@ class Straight:
     """
 
     hand: Hand
-    turning: float
-    by_hand: bool
+    turning: float = TURNING
+    by_hand: bool = False
+
+    def reach(self, sites: Sites, rng: np.random.Generator, starts: np.ndarray | None = None) -> Contacts:
+        """Contacts at places; searches begin at random if no starts are given."""
+        begin = self.hand.starts(sites, rng) if starts is None else starts
+        return reach(self, sites, begin, rng, np.arange(len(sites)), PASSES)
 
     def approach(
         self, readings: np.ndarray, pose: np.ndarray, sites: Sites, rng: np.random.Generator
@@ -347,9 +351,9 @@ class Straight:
         reason = np.where(solved, np.where(fast, FAST, ""), STUCK).astype(object)
         return off, (readings - off) / seconds, reason
 
-    def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
+    def collisions(self, contacts: Contacts, sites: Sites) -> np.ndarray:
         """See `reach`."""
-        out = np.full(len(contacts), "", object)
+        out, touched = np.full(len(contacts), "", object), sites.touched
         labels = np.array([*(s.placement for s in self.hand.clearance.solids), ""], object)[touched]
         for label in set(labels):
             rows = np.flatnonzero(labels == label)
@@ -376,3 +380,7 @@ class Straight:
         others = [clearance.solids[p.solid].name if p.solid >= 0 else ITSELF for p in clearance.pairs]
         short = [name.partition("@")[0].partition(".")[0] or "the artefact" for name in others]
         return np.array(["", *(f"collision with {name}" for name in short)], object)[out]
+
+
+Way = Moving | Straight
+"""How a tool comes to its contacts."""

@@ -3,8 +3,6 @@
 The nominal arm of a search: within the joint limits by a margin, and where an operator would put it.
 """
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -16,7 +14,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from bayescal.arm.chain import Robot
-from bayescal.arm.inverse import PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.motion import NominalArm
 from bayescal.probing.clearance import Clearance
 
@@ -109,54 +106,6 @@ class Arm(NominalArm):
         """Readings (count, n), rad, uniform within the limits."""
         low, high = self.range
         return self.readings_of(rng.uniform(low, high, (count, self.robot.n)))
-
-
-def inverse(
-    arm: Arm,
-    starts: np.ndarray,
-    points: np.ndarray,
-    axes: np.ndarray,
-    passes: int = PASSES,
-    free: np.ndarray | bool = False,
-    turns: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Readings for a position of the TCP and a direction of the z axis of the tool, or for its orientation.
-
-    Parameters
-    ----------
-    arm : Arm
-        The nominal arm. With fewer than `DIRECTED` joints only the position is solved.
-    starts : np.ndarray, shape (M, n)
-        Initial readings, rad.
-    points, axes : np.ndarray, shape (M, 3)
-        Requested positions, m, and directions, in F0.
-    passes : int
-        Maximum number of steps.
-    free : np.ndarray of bool, shape (M,)
-        Rows of which only the position is solved.
-    turns : np.ndarray, shape (M, 3, 3), optional
-        Orientations of the tool in F0, as far as the arm has joints; where nan, the roll is free.
-
-    Returns
-    -------
-    readings : np.ndarray, shape (M, n)
-        rad, within the limits.
-    solved : np.ndarray, shape (M,)
-        Which of them are solutions.
-    """
-    angles, solved = arm.angles_of(starts), np.zeros(len(starts), bool)
-    free, (low, high) = np.broadcast_to(free, len(starts)) | (arm.robot.n < DIRECTED), arm.range
-    turned = np.zeros(len(starts), bool) if turns is None else np.isfinite(turns).all(axis=(1, 2))
-    goals = np.tile(np.eye(4), (len(starts), 1, 1))
-    goals[:, :3, 3] = points
-    goals[turned, :3, :3] = np.eye(3) if turns is None else turns[turned]
-    for rows, task in (
-        (r := np.flatnonzero(free & ~turned), to_points(arm, points[r])),
-        (r := np.flatnonzero(~free & ~turned), to_axes(arm, points[r], axes[r])),
-        (r := np.flatnonzero(turned), to_frames(arm, goals[r])),
-    ):
-        angles[rows], solved[rows] = descend(task, angles[rows], low, high, passes)
-    return arm.readings_of(angles), solved
 
 
 CLEAR = 5e-3

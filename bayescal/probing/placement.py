@@ -1,19 +1,17 @@
 """Where an arm can touch artefacts: a cube with four faces, spheres on a plate, and contacts on both."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import chain, product
+from itertools import product
 
 import numpy as np
 
 from bayescal.arm.inverse import PASSES
 from bayescal.arm.transforms import cone, rotation, rpy_matrix
-from bayescal.dataset.regions import LOWEST, STEM, stemmed
+from bayescal.dataset.regions import LOWEST, STEM, Places, stemmed
 from bayescal.errors import BayescalError
 from bayescal.probing.clearance import Clearance
-from bayescal.probing.contacts import Contacts, Moving, Sites, reach
+from bayescal.probing.contacts import Contacts, Hand, Moving, Sites, reach
 from bayescal.probing.motions import Arm, cone_of
 from bayescal.probing.scene import FACES, LONGEST, RADIUS, Cube, Sizes, Solid, layout, on_table
 from bayescal.statistics import stream
@@ -37,26 +35,22 @@ SECTORS = ((15.0, 65.0), (-40.0, 40.0), (-65.0, -15.0))
 """deg, seen from the base: on one side of the cube, above it, on the other side; spheres alternate."""
 
 
+Homes = tuple[np.ndarray, np.ndarray]
+"""Configurations that touch spheres from above: the sphere of each (H,), readings (H, n), rad."""
+
+
 def touching(
-    arm: Arm,
-    clearance: Clearance,
-    touched: np.ndarray,
-    points: np.ndarray,
-    normals: np.ndarray,
-    rng: np.random.Generator,
-    starts: np.ndarray | None = None,
+    hand: Hand, solid: np.ndarray, places: Places, rng: np.random.Generator, starts: np.ndarray | None = None
 ) -> tuple[np.ndarray, Contacts]:
     """A contact with a moving ball at each requested position, where a solution is found.
 
     Parameters
     ----------
-    arm : Arm
-        Contacts have random tool directions.
-    clearance : Clearance
-        The check of collisions, at the contact and along its retract.
-    touched : np.ndarray of int, shape (M,)
-        Indices of the solids of `clearance` that are touched.
-    points, normals : np.ndarray, shape (M, 3)
+    hand : Hand
+        Contacts have random directions of the tool within its cone.
+    solid : np.ndarray of int, shape (M,)
+        Indices of the solids of its clearance that are touched.
+    places : tuple of np.ndarray, shape (M, 3)
         Ball centres, m, and outward normals of the surface.
     rng : np.random.Generator
         Of starts, directions and approaches.
@@ -70,48 +64,38 @@ def touching(
     contacts : Contacts
         The K contacts.
     """
-    tilt = cone_of(arm.robot)
     tries, passes = (STARTS, PASSES) if starts is None else (1, LOCAL)
-    index = np.repeat(np.arange(len(points)), tries)
-    begin = arm.anywhere(len(index), rng) if starts is None else starts
-    sites = Sites.of(points[index], normals[index], cone(-normals[index], tilt, rng))
-    contacts = reach(arm, Moving(arm, clearance), tilt, sites, touched[index], begin, rng, passes, index)
+    index = np.repeat(np.arange(len(solid)), tries)
+    points, normals = (part[index] for part in places)
+    begin = hand.arm.anywhere(len(index), rng) if starts is None else starts
+    sites = Sites.of(points, normals, cone(-normals, hand.cone, rng), solid[index])
+    contacts = reach(Moving(hand), sites, begin, rng, index, passes)
     return index[contacts.good], contacts[contacts.good]
 
 
-def on_face(
-    arm: Arm, clearance: Clearance, cube: Cube, face: str, count: int, rng: np.random.Generator
-) -> Contacts:
+def on_face(hand: Hand, cube: Cube, face: str, count: int, rng: np.random.Generator) -> Contacts:
     """Contacts at those of `count` random points of a face that are reached.
 
-    The cube is the first solid of `clearance`.
+    The cube is the first solid around the hand.
     """
     normals = np.tile(cube.normal(face), (count, 1))
     points = cube.on(face, count, rng) + RADIUS * normals
-    return touching(arm, clearance, np.zeros(count, int), points, normals, rng)[1]
+    return touching(hand, np.zeros(count, int), (points, normals), rng)[1]
 
 
 def on_spheres(
-    arm: Arm,
-    clearance: Clearance,
-    centres: np.ndarray,
-    up: np.ndarray,
-    homes: tuple[np.ndarray, np.ndarray],
-    count: int,
-    rng: np.random.Generator,
+    hand: Hand, centres: np.ndarray, homes: Homes, count: int, rng: np.random.Generator
 ) -> list[Contacts] | None:
     """Contacts distributed over the upper half of each sphere, each in a single configuration of the arm.
 
     Parameters
     ----------
-    arm : Arm
-    clearance : Clearance
-        Its solids are the cube, the spheres in their order, and others.
+    hand : Hand
+        The solids around it are the cube, the spheres in their order, and others.
     centres : np.ndarray, shape (S, 3)
         Of the spheres, m.
-    up : np.ndarray, shape (3,)
-    homes : tuple of np.ndarray
-        Configurations to start from, which touch a sphere from above: its index (H,), readings (H, n), rad.
+    homes : Homes
+        To start from.
     count : int
         Number of contacts on each sphere.
     rng : np.random.Generator
@@ -127,9 +111,9 @@ def on_spheres(
     ) -> tuple[np.ndarray, np.ndarray, Contacts]:
         """Contacts in random directions from every configuration: its index, normals, contacts."""
         index = np.repeat(np.arange(len(sphere)), tries)
-        normals = cone(np.tile(up, (len(index), 1)), LOWEST, rng)
-        points = centres[sphere[index]] + _touched(arm) * normals
-        which, contacts = touching(arm, clearance, 1 + sphere[index], points, normals, rng, readings[index])
+        normals = cone(np.tile(hand.arm.mount[:3, 2], (len(index), 1)), LOWEST, rng)
+        places = centres[sphere[index]] + _touched(hand.arm) * normals, normals
+        which, contacts = touching(hand, 1 + sphere[index], places, rng, readings[index])
         return index[which], normals[which], contacts
 
     sphere, readings = homes
@@ -181,11 +165,12 @@ def clearance_of(arm: Arm) -> Clearance:
     return Clearance.of(arm.robot, Sizes.of(arm.robot).tool, stand=depth(arm))
 
 
-def among(arm: Arm, cube: Cube, spheres: Sequence[Solid] = ()) -> Clearance:
+def among(arm: Arm, cube: Cube, spheres: Sequence[Solid] = ()) -> Hand:
     """The arm among the cube (the first solid), spheres (those behind it) and the table."""
     base = arm.mount
     height = float(base[:3, 2] @ base[:3, 3]) - depth(arm)
-    return clearance_of(arm).among(on_table([cube.solid, *spheres], base[:3, 2], height))
+    clearance = clearance_of(arm).among(on_table([cube.solid, *spheres], base[:3, 2], height))
+    return Hand(arm, clearance, cone_of(arm.robot))
 
 
 @lru_cache(maxsize=64)
@@ -205,7 +190,7 @@ def cube_of(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
         out = rotation(2, np.radians(azimuth)) @ [forward * FORWARD * arm.reach, 0.0, up * UP * arm.reach]
         cube = Cube(np.round(base[:3, :3] @ out + base[:3, 3], 2), base[:3, :3], edge)
         here = among(arm, cube)
-        share = {face: len(on_face(arm, here, cube, face, SAMPLES, rng)) / SAMPLES for face in FACES}
+        share = {face: len(on_face(here, cube, face, SAMPLES, rng)) / SAMPLES for face in FACES}
         score, faces = _four(share)
         if best is None or score > best[0] + 0.05:
             best = score, cube, faces
@@ -239,38 +224,32 @@ def placement(arm: Arm, spheres: int, count: int, seed: int, turn: int) -> tuple
         If there is none where the whole upper half of every sphere can be touched.
     """
     rng, cube = stream(seed, "spheres", str(turn)), cube_of(arm)[0]
-    up = cube.axes[:, 2]
+    diameter, up = Sizes.of(arm.robot).diameter, cube.axes[:, 2]
     for trial in range(0, TRIALS, BATCH):
         options = _options(arm, cube, spheres, None if trial > TRIALS / 3 else turn % len(SECTORS), rng)
         solids = [
-            [
-                Solid(f"ball {k + 1}", stemmed(c, Sizes.of(arm.robot).diameter, up), str(p + 1))
-                for k, c in enumerate(centres)
-            ]
+            Solid(f"ball {k + 1}", stemmed(c, diameter, up), str(p + 1))
             for p, centres in enumerate(options)
+            for k, c in enumerate(centres)
         ]
-        sphere, homes = _from_above(
-            arm, among(arm, cube, list(chain.from_iterable(solids))), np.reshape(options, (-1, 3)), up, rng
-        )
+        sphere, homes = _from_above(among(arm, cube, solids), np.reshape(options, (-1, 3)), rng)
         for p, centres in enumerate(options):
             mine = sphere // spheres == p
             if len(np.unique(sphere[mine])) < spheres:
                 continue
-            here, configurations = among(arm, cube, solids[p]), (sphere[mine] - p * spheres, homes[mine])
-            contacts = on_spheres(arm, here, centres, up, configurations, count, rng)
+            here = among(arm, cube, solids[p * spheres : (p + 1) * spheres])
+            contacts = on_spheres(here, centres, (sphere[mine] - p * spheres, homes[mine]), count, rng)
             if contacts is not None:
                 return centres, contacts
     what = f"no position is found where {spheres} spheres can be touched from all sides"
     raise BayescalError(what, arm.robot.name, "ask for fewer --spheres or --sphere-contacts")
 
 
-def _from_above(
-    arm: Arm, clearance: Clearance, centres: np.ndarray, up: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Configurations that touch spheres from above: the sphere of each (H,), readings (H, n)."""
+def _from_above(hand: Hand, centres: np.ndarray, rng: np.random.Generator) -> Homes:
+    """Configurations that touch spheres from above."""
     index = np.repeat(np.arange(len(centres)), TOPS)
-    tops = np.tile(up, (len(index), 1))
-    which, contacts = touching(arm, clearance, 1 + index, centres[index] + _touched(arm) * tops, tops, rng)
+    tops = np.tile(hand.arm.mount[:3, 2], (len(index), 1))
+    which, contacts = touching(hand, 1 + index, (centres[index] + _touched(hand.arm) * tops, tops), rng)
     return index[which], contacts.readings
 
 

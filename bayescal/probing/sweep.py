@@ -12,8 +12,6 @@ halved. For most pairs a bound of the distance decides, from the middle of a cap
 the distance computed (`exact`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Contacts are the readings at which the ball of the true arm touches the true surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -12,9 +10,8 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset, Target
-from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
-from bayescal.model import ARM, Block, Model, equilibrium, with_parameters
+from bayescal.model import ARM, Block, Model, arm_at_rest, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot, only_one_arm
 from bayescal.simulation.record import Simulated, distance_certificates, document, draws, noise, true_targets
@@ -50,15 +47,7 @@ class World:
         Gravity acts at the true, deflected pose, as on a real arm. That pose is searched from the one in
         the scene `near`, of almost the same readings.
         """
-
-        def arm(scene: Scene) -> Model:
-            parameters = parameters_of(self.effects, scene.circumstances(scene.rows("calibrate")))
-            return Model(scene, self.effects, parameters, (), ())
-
-        scene = Scene(dataset)
-        if near is not None and near.stance is not None:
-            scene = scene.posed_at(near.stance, near.compliances)
-        model = equilibrium(scene, arm, self.deviations, STILL)
+        model = arm_at_rest(Scene(dataset), self.effects, self.deviations, STILL, near)
         true = replace(dataset, targets=self.targets)
         return replace(model, scene=replace(model.scene, dataset=true))
 

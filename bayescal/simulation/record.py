@@ -1,7 +1,5 @@
 """Ground truth of a simulated session, drawn from its options, and its record, truth.json."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

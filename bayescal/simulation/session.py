@@ -1,7 +1,5 @@
 """A session to simulate: its options, and its plan with targets, order, times and payloads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -201,13 +199,13 @@ def _later(arm: Arm, count: int, seed: int) -> Visit:
 def _shuffled(arm: Arm, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:
     """Equally many contacts on all faces, in random order, with the index of the face of each."""
     cube, faces = cube_of(arm)
-    clearance = among(arm, cube)
+    hand = among(arm, cube)
     target = np.sort(rng.permutation(count) % len(faces))
     parts = []
     for k, face in enumerate(faces):
         wanted, have = int(np.sum(target == k)), 0
         for _ in range(20):
-            parts.append(on_face(arm, clearance, cube, face, 2 * (wanted - have) + 8, rng)[: wanted - have])
+            parts.append(on_face(hand, cube, face, 2 * (wanted - have) + 8, rng)[: wanted - have])
             have += len(parts[-1])
             if have == wanted:
                 break

@@ -233,11 +233,15 @@ def pool():
     return candidates(continued(replace(dataset, targets=targets, certificates=certificates)), 32, seed=5)
 
 
+def open_to_all(begin, end):
+    return np.zeros(len(begin), bool)
+
+
 @pytest.fixture(scope="module")
 def ordered(pool):
     """Rows in sweeps without and with regard to collisions, and the transits."""
     moves = Transits(pool)
-    blind = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0))
+    blind = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0), open_to_all)
     seeing = orders.ordered(pool, pool.candidates, "sweeps", np.random.default_rng(0), moves.blocked)
     return moves, pool.candidates[blind], pool.candidates[seeing]
 

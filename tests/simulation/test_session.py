@@ -23,7 +23,8 @@ from bayescal.effects.imaging import without_camera
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.probing.clearance import Clearance, path_free
-from bayescal.probing.motions import Arm, inverse
+from bayescal.probing.contacts import PASSES, Sites, inverse
+from bayescal.probing.motions import Arm
 from bayescal.probing.scene import layout, scene_of
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate, touch
@@ -237,7 +238,8 @@ def test_inverse_reaches_what_it_says_within_the_limits(name, tmp_path):
     arm, rng = Arm(robot, TOOL), np.random.default_rng(1)
     pose = arm.frames(arm.anywhere(300, rng))
     centres, axes = arm.ball(pose), pose[:, -1, :3, 2]
-    readings, found = inverse(arm, arm.anywhere(300, rng), centres, axes)
+    sites = Sites.of(centres, -axes, axes, np.full(300, -1))
+    readings, found = inverse(arm, arm.anywhere(300, rng), sites, PASSES)
     assert found.mean() > 0.2
     there = arm.frames(readings[found])
     assert np.abs(arm.ball(there) - centres[found]).max() < 1e-7

@@ -10,7 +10,7 @@ use them, and the arm comes to rest in few steps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -68,6 +68,11 @@ class Content:
         """Parameters with a driver of some kinds, and their values; none of a form in `UNHELD`."""
         held = ((p, value) for p, value in self.valued if p.driver.form not in UNHELD)
         return ((p, value) for p, value in held if p.driver.kind in kinds)
+
+    def at(self, c: Circumstances, effects: Collection[str]) -> Iterator[Parameter]:
+        """Parameters of some effects of the model in other circumstances."""
+        for effect, setting in map(named, self.arm.effects):
+            yield from effect.at(c, setting) if effect.name in effects else ()
 
     def constants(self, row: int | None = None) -> np.ndarray:
         """Constant displacements of the frames, (n + 2, 6), rad and m, in a row; default: the state."""
@@ -206,13 +211,11 @@ def _response(content: Content, p: Parameter, torques: np.ndarray) -> np.ndarray
     A joint that carries a torque only while the arm was deflected otherwise has no such parameter: zeros.
     """
     grid = appended(content.circumstances, torques)
-    for name in content.arm.effects:
-        effect, setting = named(name)
-        for parameter in effect.at(grid, setting) if effect.name == p.effect else ():
-            if parameter.name == p.name:
-                (term,) = parameter.terms
-                return np.asarray(term.driver)[-len(torques) :]
-    return np.zeros(len(torques))
+    same = [q.terms for q in content.at(grid, {p.effect}) if q.name == p.name]
+    if not same:
+        return np.zeros(len(torques))
+    (term,) = same[0]
+    return np.asarray(term.driver)[-len(torques) :]
 
 
 def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:

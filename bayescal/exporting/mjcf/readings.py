@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.effects import named
 from bayescal.effects.common import READING, sense
 from bayescal.effects.lost_motion import BACKLASH
 from bayescal.errors import BayescalError
@@ -114,13 +113,10 @@ def _linear(content: Content) -> np.ndarray:
     values = {p.name: value for p, value in content.driven("angle", "position") if not p.driver.order}
     unit = replace(content.circumstances, readings=np.eye(n), q=np.zeros((n, n)))
     out = np.zeros((n, n))
-    for name in content.arm.effects if values else ():
-        effect, setting = named(name)
-        if not any(p.effect == effect.name and p.name in values for p in content.arm.model.parameters):
-            continue
-        for p in effect.at(unit, setting):
-            for term in p.terms if p.name in values else ():
-                out[term.frame - 1] += values[p.name] * np.broadcast_to(np.asarray(term.driver, float), (n,))
+    effects = {p.effect for p in content.arm.model.parameters if p.name in values}
+    for p in content.at(unit, effects):
+        for term in p.terms if p.name in values else ():
+            out[term.frame - 1] += values[p.name] * np.broadcast_to(np.asarray(term.driver, float), (n,))
     return out
 
 
