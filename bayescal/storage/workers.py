@@ -105,13 +105,8 @@ class Process:
 
     def kill(self) -> None:
         """End running jobs: this process is stopped."""
-        kill(self._pool)
-
-
-def kill(pool: futures.ProcessPoolExecutor) -> None:
-    """End the processes of a pool, whatever they do."""
-    for process in list(pool._processes.values()):  # public from Python 3.14
-        process.kill()
+        for process in list(self._pool._processes.values()):  # public from Python 3.14
+            process.kill()
 
 
 def results(

@@ -1,13 +1,14 @@
 """Figures of a second process: the same bytes, and none of its failures is seen."""
 
+import os
+import signal
 import sys
-import time
+from multiprocessing import active_children
 
 import pytest
 
 import bayescal.reporting.figures as process
 from bayescal.reporting.figures.figures import FIT
-from bayescal.storage.workers import kill
 
 
 @pytest.fixture
@@ -23,26 +24,19 @@ def drawn_here(monkeypatch):
     return calls
 
 
-def waiting():
-    """The process that is ready, and what it was given to do."""
-    (pool,) = process._waiting
-    return pool, list(pool._processes.values())
-
-
 def test_a_process_that_was_killed_is_replaced(ready, monkeypatch):
     calls = drawn_here(monkeypatch)
     with process.drawing_beside():
-        kill(waiting()[0])
+        (second,) = active_children()
+        second.kill()
         assert process.begun({"schema": FIT})() == {"a.png": b"here"}
     assert len(calls) == 1
 
 
 def test_a_process_that_fails_is_replaced(ready, monkeypatch):
-    begun = process.begun
+    calls = drawn_here(monkeypatch)
     with process.drawing_beside():
-        wait = begun({"schema": "of nothing"})  # which has no figures
-        calls = drawn_here(monkeypatch)
-        assert wait() == {"a.png": b"here"}
+        assert process.begun({"schema": "of nothing"})() == {"a.png": b"here"}
     assert len(calls) == 1
 
 
@@ -50,23 +44,22 @@ def test_a_process_that_hangs_is_replaced_and_ended(ready, monkeypatch):
     monkeypatch.setattr(process, "PATIENCE", 0.2)
     drawn_here(monkeypatch)
     with process.drawing_beside():
-        pool, processes = waiting()
-        pool.submit(time.sleep, 60)
+        (second,) = active_children()
+        os.kill(second.pid, signal.SIGSTOP)
         assert process.begun({"schema": FIT})() == {"a.png": b"here"}
-    assert not any(one.is_alive() for one in processes)
+    assert not second.is_alive()
 
 
 def test_a_process_that_is_not_asked_ends(ready):
     def fails():
         with process.drawing_beside():
-            processes.extend(waiting()[1])
+            second.extend(active_children())
             raise KeyError
 
-    processes = []
+    second = []
     with pytest.raises(KeyError):
         fails()
-    assert processes
-    assert not any(one.is_alive() for one in processes)
+    assert [one.is_alive() for one in second] == [False]
     assert not process._waiting
 
 
@@ -75,7 +68,7 @@ def test_a_process_that_is_not_asked_ends(ready):
 )
 def test_no_process_where_it_is_of_no_use(ready, monkeypatch, cores, imported, wanted):
     monkeypatch.setattr(process, "cores", lambda: cores)
-    monkeypatch.setattr(process, "ProcessPoolExecutor", lambda *given: pytest.fail("started"))
+    monkeypatch.setattr(process, "Pipe", lambda: pytest.fail("started"))
     if imported:
         monkeypatch.setitem(sys.modules, "matplotlib", None)
     with process.drawing_beside(wanted):

@@ -10,13 +10,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from importlib import import_module
-from multiprocessing import get_context
+from multiprocessing import Pipe, get_context
+from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from bayescal.storage.workers import kill, settle
+from bayescal.storage.workers import settle
 
 if TYPE_CHECKING:
     from bayescal.reporting.figures.estimates import Draws
@@ -28,7 +29,7 @@ PATIENCE = 120.0
 """Time, s, after which a process that does not answer is ended (assumed: it draws in three)."""
 AHEAD = ("matplotlib.backends.backend_agg", "matplotlib.figure", "PIL.PngImagePlugin", f"{__name__}.figures")
 """Modules that are slow to import: the process imports them while it waits for a record."""
-_waiting: list[ProcessPoolExecutor] = []
+_waiting: list[Connection] = []
 
 
 @contextmanager
@@ -40,15 +41,26 @@ def drawing_beside(wanted: bool = True) -> Iterator[None]:
     if not wanted or cores() < 2 or "matplotlib" in sys.modules:
         yield
         return
-    pool = ProcessPoolExecutor(1, get_context("spawn"), settle)
-    pool.map(import_module, AHEAD)
-    _waiting.append(pool)
+    here, there = Pipe()
+    process = get_context("spawn").Process(target=answer, args=(there,), daemon=True)
+    process.start()
+    there.close()  # the process alone has it: it ends, and so does the pipe
+    _waiting.append(here)
     try:
         yield
     finally:
         _waiting.clear()
-        kill(pool)
-        pool.shutdown(cancel_futures=True)
+        process.kill()
+        process.join()
+
+
+def answer(there: Connection) -> None:
+    """Read a record, and answer with its figures: what the second process does."""
+    settle()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # it says nothing on a terminal
+    for name in AHEAD:
+        import_module(name)
+    there.send(figures_of(*there.recv()))
 
 
 def figures_of(record: Json, draws: Draws | None = None) -> Figures:
@@ -63,15 +75,15 @@ def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
     """Begin to draw the figures of a record, with the draws of its parameters; call the result for them."""
     if not _waiting:
         return lambda: figures_of(record, draws)
-    from bayescal.reporting.figures import figures
-
-    asked = _waiting.pop().submit(figures.figures_of, dict(record), draws)
+    here = _waiting.pop()
+    ThreadPoolExecutor(1).submit(here.send, (dict(record), draws))
 
     def wait() -> Figures:
-        try:
-            return asked.result(PATIENCE)
-        except Exception:  # it hangs, or failed for any reason
-            return figures_of(record, draws)
+        with suppress(OSError, EOFError):  # it failed
+            if here.poll(PATIENCE):
+                drawn: Figures = here.recv()
+                return drawn
+        return figures_of(record, draws)
 
     return wait
 
