@@ -308,8 +308,6 @@ def test_bootstrap_moves_blocks_as_one():
     means = crossvalidation.resampled(block, np.stack([shared, shared + 1.0]), rng)
     np.testing.assert_allclose(means[:, 1] - means[:, 0], 1.0)
     assert means[:, 0].std() == pytest.approx(shared.std() / np.sqrt(30), rel=0.1)
-    by_count = [crossvalidation.bootstrap_interval95(0.0, means[:, 0], number) for number in (4, 1000)]
-    assert np.ptp(by_count[0]) > 1.7 * np.ptp(by_count[1])
 
 
 def centres_of(rng, spheres, kept, own):
