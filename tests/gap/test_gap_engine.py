@@ -512,6 +512,14 @@ def test_the_compiled_integral_is_that_of_a_fine_grid(k, dof, chi2, error):
         np.testing.assert_allclose(each, exact, rtol=0, atol=error)
 
 
+def test_slopes_are_derivatives_of_a_gain():
+    (values,), (along,) = drawn(6, 1, 4)
+    for square in evidence.SCALES**2:
+        less, here, more = (evidence.gain(values, along, square, 0.3 + step) for step in (-1e-3, 0.0, 1e-3))
+        differences = (more - less) / 2e-3, (more - 2 * here + less) / 1e-6
+        assert evidence._slopes(values, along, square, 0.3) == pytest.approx(differences, rel=1e-4)
+
+
 def test_a_gain_is_right_where_a_product_overflows():
     (values,), (along,) = drawn(3, 1, 2000)
     for square in evidence.SCALES**2:
