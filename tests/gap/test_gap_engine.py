@@ -304,17 +304,6 @@ def test_many_columns_lose_by_the_noise_that_they_leave_unknown():
     assert many.log_evidence - few.log_evidence == pytest.approx(exact[1] - exact[0], abs=0.08)
 
 
-@pytest.mark.parametrize("columns", [[0], [1], [0, 3]])
-def test_evidences_of_states_differ_by_their_bayes_factors(columns):
-    """By two roads: fitted with the columns, and predicted from the state without them."""
-    p = random_problem(rows=150, amplitude=0.8)
-    null = fit_state(p, (), (), robust=False)
-    (table,) = log_bayes(evidence.project(null, p.pool), [np.array(columns)])
-    for scale, found in zip(evidence.SCALES, table, strict=True):
-        wider = fit_state(p, columns, np.full(len(columns), scale), robust=False)
-        assert wider.log_evidence - null.log_evidence == pytest.approx(found, abs=0.2 + 0.03 * abs(found))
-
-
 def test_a_contact_of_three_rows_is_left_out_as_one():
     p = random_problem()
     residual = p.residual.copy()
