@@ -214,8 +214,8 @@ class VerdictSettings:
     """Hypotheses to which an unmodelled effect is added (cost)."""
     beside: float = 0.1
     """Prior odds of an unmodelled effect in addition to named ones (assumed)."""
-    null_enough: float = 0.1
-    """Probability of noise only from which on no effect is stated (tuned: 53 true nulls have .38 or more)."""
+    null_enough: float = 0.2
+    """Probability of noise only from which on no effect is stated (tuned: 55 true nulls have .27 or more)."""
     unexplained: float = 0.25
     """Probability of a further effect, known or not, from which on a verdict is not `named` (tuned)."""
     sure: float = 0.5

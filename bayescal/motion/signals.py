@@ -68,17 +68,33 @@ class Bands:
 
     rows: float  # Hz, cut-off of the rows that are kept
     least: np.ndarray  # (n,) rad, standard deviation of positions by their steps
+    over: float = SIGNALS.over[-1]  # cut-off of positions before they are differentiated, over that of rows
 
     @classmethod
     def of(cls, log: Log) -> Bands:
-        """The widest."""
+        """The widest in which the noise of speeds does not hide when friction changes its direction."""
         least = rounded(np.concatenate([m.position for m in log.motions]))
-        return cls(SERVOS.band if log.torque_kind == SERVO else SIGNALS.band, least)
+        if log.torque_kind == SERVO:
+            return cls(SERVOS.band, least)
+        every = [cls(SIGNALS.band, least, over) for over in SIGNALS.over]
+        return next((some for some in every if some.speeds(log) < SIGNALS.blurred), every[-1])
 
     @property
     def wide(self) -> float:
-        """Cut-off of positions before they are differentiated, Hz: what it takes away, rows do not keep."""
-        return self.rows * SIGNALS.wide / SIGNALS.band
+        """Cut-off of positions before they are differentiated, Hz."""
+        return self.rows * self.over
+
+    def speeds(self, log: Log) -> float:
+        """Standard deviation of the noise of the speeds, rad/s, of the joint with the largest."""
+        sd = []
+        for motion in log.motions:
+            step, _, x = uniform(motion, motion.position)
+            sd.append(noise_of_positions(x, self.least) * self.gain(len(x), step))
+        return float(np.max(np.median(sd, axis=0)))
+
+    def gain(self, count: int, step: float) -> float:
+        """Standard deviation of a speed, rad/s, by white noise of 1 rad of the positions."""
+        return float(np.linalg.norm(derivative(impulse(count, step, self.wide), step)))
 
     def accelerations(self, log: Log) -> np.ndarray:
         """Standard deviation (n,) of the torques of nominal inertias by noise of the accelerations, N m."""
@@ -313,8 +329,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
         return None if x is None else uniform(motion, x)[2]
 
     q, sd = low_passed(position, step, bands.wide), noise_of_positions(position, bands.least)
-    gain = np.linalg.norm(derivative(impulse(len(q), step, bands.wide), step))
-    dq = derivative(q, step)
+    gain, dq = bands.gain(len(q), step), derivative(q, step)
     # of a joint at rest the noise of its position would be the driver of its friction
     dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest_range, dq * moving(dq, sd * gain, step), 0.0)
     torque = sampled(motion.torque)

@@ -135,7 +135,7 @@ class Operating:
 
         What disturbs a servo moves it too: measured speeds and accelerations have the noise of the errors.
         """
-        q = low_passed(self.followed(s).position, s.step, s.band * SIGNALS.wide / SIGNALS.band)
+        q = low_passed(self.followed(s).position, s.step, s.band * SIGNALS.over[-1])
         dq = derivative(q, s.step)
         return replace(s, q=q, dq=dq, ddq=derivative(dq, s.step), measured=s.measured or s)
 

@@ -15,7 +15,7 @@ from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.quantities import UNKNOWN
 from bayescal.motion.search import Search
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import Bands, derivative, low_passed
+from bayescal.motion.signals import Bands, derivative, low_passed, signals_of
 from bayescal.motion.terms import Term
 from bayescal.motion.together import _moved
 
@@ -224,6 +224,32 @@ def test_the_band_is_that_in_which_the_noise_of_accelerations_is_small(null_log)
     assert bands.narrower(3.0 * SIGNALS.small).rows == pytest.approx(SIGNALS.band * 3.0**-0.4)
     assert bands.narrower(1.01 * SIGNALS.small).rows == pytest.approx(SIGNALS.band * SIGNALS.step)
     assert bands.narrower(100.0).rows == SIGNALS.narrow
+
+
+def test_friction_reverses_when_the_joint_does(null_log):
+    """A smoothed speed reverses too early where a joint leaves a reversal faster than it came."""
+    log, rng, dt = read_log(null_log).divided, np.random.default_rng(0), 0.005
+    fine = np.arange(0.0, 20.0, dt / 20.0)
+    phase = (fine % 2.0) - 1.0  # slowly to rest at 0, then away four times as fast
+    speed = 0.2 * np.where(phase < 0.0, phase, 4.0 * phase * np.exp(-8.0 * phase)) * (-1.0) ** (fine // 2.0)
+    angle = np.cumsum(speed) * dt / 20.0
+    friction = np.tanh(speed[::20] / 0.02)[:, None] * np.ones(3)
+    position, time = angle[::20, None] * np.ones(3), fine[::20]
+    motion = replace(
+        log.motions[0], time=time, position=position, velocity=None, torque=friction, payload=0 * time
+    )
+
+    def early(bands):
+        s = signals_of(log, motion, 0.0, 0.0, bands)
+        off, rate = s.kept(s.torque - np.tanh(s.dq / 0.02)), s.kept(-derivative(s.torque, s.step))
+        return float(off[:, 0] @ rate[:, 0] / (rate[:, 0] @ rate[:, 0]))
+
+    noise = rng.normal(size=position.shape)
+    read = [replace(log, motions=(replace(motion, position=position + sd * noise),)) for sd in (1e-7, 1e-4)]
+    exact, noisy = map(Bands.of, read)
+    assert (exact.wide, noisy.wide) == (40.0, 20.0)
+    assert early(noisy) > 1e-3
+    assert 0.0 < early(exact) < 0.3 * early(noisy)
 
 
 def test_a_joint_at_rest_has_no_direction():
