@@ -137,8 +137,8 @@ def _rows(parts: tuple[Signals, ...]) -> np.ndarray:
     out = []
     for s in parts:
         assert s.command is not None
-        u, q, torque = (low_passed(x, s.step) for x in (s.command, s.q, s.torque))
-        columns = (u - q, derivative(u, s.step), -derivative(q, s.step), np.ones_like(u), torque)
+        u = low_passed(s.command, s.step)
+        columns = (u - s.q, derivative(u, s.step), -s.dq, np.ones_like(u), low_passed(s.torque, s.step))
         out.append(s.unfiltered(np.stack(columns, axis=2)))
     return np.concatenate(out)
 

@@ -32,11 +32,11 @@ class SignalSettings:
     poses: int = 8
     """Of each motion, at which inertias are computed for it (cost)."""
     wide: float = 20.0
-    """Hz, cut-off by which a controller's commands and torques are smoothed (assumed: twice `band`)."""
+    """Hz, cut-off for positions before they are differentiated, beside `band` (assumed: twice it)."""
     over: tuple[float, ...] = (4.0, 3.0, 2.0)
-    """Cut-offs of positions before they are differentiated, over that of rows; the first that is not
-    `blurred` (tuned: with 2, friction reversed 0.1 to 0.3 ms late in logs of four simulators, whose joints
-    leave a reversal more slowly than they came; joints seemed to have delays)."""
+    """Cut-offs of the speeds by which friction reverses, over that of rows; the first that is not `blurred`,
+    and the last for all else (tuned: with 2, friction reversed 0.1 to 0.3 ms late in logs of four
+    simulators, whose joints leave a reversal more slowly than they came; joints seemed to have delays)."""
     order: int = 4
     """Of the low-pass (convention)."""
     nyquist: float = 0.8

@@ -68,7 +68,7 @@ class Bands:
 
     rows: float  # Hz, cut-off of the rows that are kept
     least: np.ndarray  # (n,) rad, standard deviation of positions by their steps
-    over: float = SIGNALS.over[-1]  # cut-off of positions before they are differentiated, over that of rows
+    over: float = SIGNALS.over[-1]  # cut-off of the speeds by which friction reverses, over that of rows
 
     @classmethod
     def of(cls, log: Log) -> Bands:
@@ -81,7 +81,12 @@ class Bands:
 
     @property
     def wide(self) -> float:
-        """Cut-off of positions before they are differentiated, Hz."""
+        """Cut-off of positions before they are differentiated, Hz: what it takes away, rows do not keep."""
+        return self.rows * SIGNALS.over[-1]
+
+    @property
+    def reversing(self) -> float:
+        """The same for the speeds by which friction reverses: it is not linear in them."""
         return self.rows * self.over
 
     def speeds(self, log: Log) -> float:
@@ -89,12 +94,8 @@ class Bands:
         sd = []
         for motion in log.motions:
             step, _, x = uniform(motion, motion.position)
-            sd.append(noise_of_positions(x, self.least) * self.gain(len(x), step))
+            sd.append(noise_of_positions(x, self.least) * gain(len(x), step, self.reversing))
         return float(np.max(np.median(sd, axis=0)))
-
-    def gain(self, count: int, step: float) -> float:
-        """Standard deviation of a speed, rad/s, by white noise of 1 rad of the positions."""
-        return float(np.linalg.norm(derivative(impulse(count, step, self.wide), step)))
 
     def accelerations(self, log: Log) -> np.ndarray:
         """Standard deviation (n,) of the torques of nominal inertias by noise of the accelerations, N m."""
@@ -143,6 +144,11 @@ def impulse(count: int, step: float, cut: float) -> np.ndarray:
     return low_passed(out, step, cut)
 
 
+def gain(count: int, step: float, cut: float) -> float:
+    """Standard deviation of a speed, rad/s, by white noise of 1 rad of positions that pass the low-pass."""
+    return float(np.linalg.norm(derivative(impulse(count, step, cut), step)))
+
+
 def uniform(motion: Motion, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Step, s, uniform times (N,), and samples (M, ...) of a motion at these."""
     steps = np.diff(motion.time)
@@ -176,6 +182,7 @@ class Signals:
     stuck: float | None = SIGNALS.stuck  # s about rest in which stiction holds a joint; None: it does not
     telling: np.ndarray | bool = True  # (n,) whether the torque of a joint tells of it
     unsure: np.ndarray = field(default_factory=lambda: np.zeros(1))  # (n,) rad/s, noise of the speeds
+    reversing: np.ndarray | None = None  # (N, n) rad/s, less smooth speeds, where friction reverses by them
     measured: Signals | None = None  # with the motion as measured, where this one is simulated
     wider: float = 1.0  # noise over that of the residuals, where it is in their drivers too
 
@@ -183,6 +190,11 @@ class Signals:
     def position(self) -> np.ndarray:
         """Measured positions (N, n), rad."""
         return self.q if self.measured is None else self.measured.q
+
+    @property
+    def turning(self) -> np.ndarray:
+        """Speeds (N, n), rad/s, by which friction reverses."""
+        return self.dq if self.reversing is None else self.reversing
 
     @cached_property
     def weight(self) -> np.ndarray:
@@ -328,10 +340,20 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
     def sampled(x: np.ndarray | None) -> np.ndarray | None:
         return None if x is None else uniform(motion, x)[2]
 
-    q, sd = low_passed(position, step, bands.wide), noise_of_positions(position, bands.least)
-    gain, dq = bands.gain(len(q), step), derivative(q, step)
-    # of a joint at rest the noise of its position would be the driver of its friction
-    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest_range, dq * moving(dq, sd * gain, step), 0.0)
+    sd = noise_of_positions(position, bands.least)
+
+    def speed(band: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions below a frequency, Hz, their derivative, and the noise (n,) of this.
+
+        Of a joint at rest the noise of its position would be the driver of its friction.
+        """
+        smooth, noise = low_passed(position, step, band), sd * gain(len(position), step, band)
+        dq = derivative(smooth, step)
+        moves = moving(dq, noise, step)
+        return smooth, np.where(np.ptp(smooth, axis=0) > SIGNALS.rest_range, dq * moves, 0.0), noise
+
+    q, dq, _ = speed(bands.wide)
+    _, reversing, unsure = speed(bands.reversing)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * bands.rows))
@@ -343,7 +365,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float, bands: Bands
         motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
         torque, sampled(motion.command), sampled(motion.link), warm,
         np.interp(time, motion.time, motion.payload), max(int(rows), 1), bands.rows,
-        stuck, unsure=sd * gain,
+        stuck, unsure=unsure, reversing=reversing,
     )  # fmt: skip
 
 

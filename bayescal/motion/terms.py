@@ -105,7 +105,7 @@ class Operating:
         """Direction of motion (N, n), -1 to 1; of a servo the error that friction holds, over its largest."""
         if s.log.torque_kind == SERVO:
             return self.followed(s).friction
-        return np.tanh(s.dq / self.transition)
+        return np.tanh(s.turning / self.transition)
 
     def followed(self, s: Signals) -> Followed:
         """What servos do by their commands."""
@@ -137,7 +137,8 @@ class Operating:
         """
         q = low_passed(self.followed(s).position, s.step, s.band * SIGNALS.over[-1])
         dq = derivative(q, s.step)
-        return replace(s, q=q, dq=dq, ddq=derivative(dq, s.step), measured=s.measured or s)
+        ddq = derivative(dq, s.step)
+        return replace(s, q=q, dq=dq, ddq=ddq, reversing=None, measured=s.measured or s)
 
     def commands(self, s: Signals) -> np.ndarray:
         """Commands (N, n), at the times at which the servos act on them."""
@@ -266,7 +267,7 @@ def baseline(s: Signals, model: Operating, rms: np.ndarray) -> Iterator[Column]:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
     servo = log.torque_kind == SERVO
     way, gain = model.reversal(s), np.ones(m.n) if servo else model.gain
-    slopes = -gain * model.coulomb * (1.0 - way**2) * s.dq / model.transition
+    slopes = -gain * model.coulomb * (1.0 - way**2) * s.turning / model.transition
     forms = -gain * model.coulomb * (1.0 - way**2) * way
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     for j in range(m.n):

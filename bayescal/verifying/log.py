@@ -129,7 +129,7 @@ def _measured(s: Signals, late: float) -> np.ndarray:
 def _along(s: Signals, q: np.ndarray, dq: np.ndarray) -> Signals:
     """A motion with the positions and speeds of a simulation."""
     smooth = low_passed(dq, s.step)
-    return replace(s, q=q, dq=smooth, ddq=derivative(smooth, s.step))
+    return replace(s, q=q, dq=smooth, ddq=derivative(smooth, s.step), reversing=None)
 
 
 def _speed(s: Signals) -> np.ndarray:

@@ -207,7 +207,7 @@ def test_the_band_is_that_in_which_the_noise_of_accelerations_is_small(null_log)
     motions = [replace(m, position=m.position + sd * rng.normal(size=m.position.shape)) for m in log.motions]
     coarse = replace(log, motions=tuple(motions), mechanism=rotors)
     bands = Bands.of(coarse)
-    assert (bands.rows, bands.wide) == (SIGNALS.band, SIGNALS.wide)
+    assert (bands.rows, bands.wide, bands.reversing) == (SIGNALS.band, SIGNALS.wide, SIGNALS.wide)
 
     def added(rows):
         errors = [x.position - m.position for x, m in zip(motions, log.motions, strict=True)]
@@ -241,13 +241,13 @@ def test_friction_reverses_when_the_joint_does(null_log):
 
     def early(bands):
         s = signals_of(log, motion, 0.0, 0.0, bands)
-        off, rate = s.kept(s.torque - np.tanh(s.dq / 0.02)), s.kept(-derivative(s.torque, s.step))
+        off, rate = s.kept(s.torque - np.tanh(s.turning / 0.02)), s.kept(-derivative(s.torque, s.step))
         return float(off[:, 0] @ rate[:, 0] / (rate[:, 0] @ rate[:, 0]))
 
     noise = rng.normal(size=position.shape)
     read = [replace(log, motions=(replace(motion, position=position + sd * noise),)) for sd in (1e-7, 1e-4)]
     exact, noisy = map(Bands.of, read)
-    assert (exact.wide, noisy.wide) == (40.0, 20.0)
+    assert (exact.reversing, noisy.reversing) == (40.0, 20.0)
     assert early(noisy) > 1e-3
     assert 0.0 < early(exact) < 0.3 * early(noisy)
 
