@@ -291,7 +291,7 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
         change = whole.vector - without.vector
         expected = 0.5 * float(change @ held.gram @ change)
         # the gain of a true name is normal: mean and half the variance are what its change predicts
-        least = SEARCH.shown * expected - 2.0 * np.sqrt(2.0 * expected)
+        least = SEARCH.shown * expected - 2.0 * np.hypot(np.sqrt(2.0 * expected), SEARCH.scatter)
         (kept if search.seen_forms[m.form] and gain > least else refused).append(m)
     if not refused:
         return v

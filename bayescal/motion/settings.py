@@ -314,6 +314,8 @@ class SearchSettings:
     """Probability of no effect from which on the verdict is null (convention: more likely than not)."""
     shown: float = 0.4
     """Share of the gain that a name predicts for withheld motions which these must show (assumed)."""
+    scatter: float = 2.0
+    """Nats, standard deviation of that gain by what the noise of withheld motions lacks (assumed)."""
     further: float = 0.2
     """Prior odds of each further effect (as for contacts)."""
     again: float = 0.3

@@ -88,7 +88,7 @@ def test_names_explain_their_share_of_a_set_with_an_unknown_cause():
 @pytest.mark.parametrize("nats", [80.0, 0.0])
 def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
     """A change of chi-square 100 is a gain of 50 nats with a standard deviation of 10, were the name true."""
-    least = SEARCH.shown * 50.0 - 2.0 * 10.0
+    least = SEARCH.shown * 50.0 - 2.0 * np.hypot(10.0, SEARCH.scatter)
     form = Form("backlash", "joint 1", "side of the torque")
     member = SimpleNamespace(form=form)
     named = Hypothesis((member,), nats, 0.0)
@@ -103,13 +103,16 @@ def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
         search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)], seen_forms=seen)
         found = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
         assert (found.named.members == (member,)) == (gain > least)
+    small = [SimpleNamespace(chi2=lambda held, k=k: 0.6 * k, vector=np.zeros(2)) for k in (0, 1)]
+    costs = SimpleNamespace(fit=lambda members: small[len(members)], seen_forms=seen)
+    assert confirmed(v, costs, SimpleNamespace(gram=np.eye(2))) is v  # 0.3 nats where none are predicted
     lost = 0.95 - VERDICT.not_admitted
     takes = UNKNOWN if nats > VERDICT.structure else NULL
     assert found is v
     hidden = SimpleNamespace(fit=search.fit, seen_forms={form: False})
     assert confirmed(v, hidden, SimpleNamespace(gram=np.eye(2))).named.members == ()
     search = SimpleNamespace(fit=lambda members: fits[len(members)], seen_forms=seen)
-    fits[0] = SimpleNamespace(chi2=lambda held: 0.0, vector=np.zeros(2))
+    fits[0] = SimpleNamespace(chi2=lambda held: -2.0, vector=np.zeros(2))
     refused = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
     assert refused.probability == pytest.approx(
         stated | {"backlash": VERDICT.not_admitted, takes: stated[takes] + lost}
