@@ -76,8 +76,18 @@ class Bands:
         least = rounded(np.concatenate([m.position for m in log.motions]))
         if log.torque_kind == SERVO:
             return cls(SERVOS.band, least)
+        noise = []
+        for motion in log.motions:
+            step, _, x = uniform(motion, motion.position)
+            noise.append((len(x), step, noise_of_positions(x, least)))
+
+        def speeds(bands: Bands) -> float:
+            """Standard deviation of the noise of the speeds, rad/s, of the joint with the largest."""
+            each = [gain(count, step, bands.reversing) * sd for count, step, sd in noise]
+            return float(np.max(np.median(each, axis=0)))
+
         every = [cls(SIGNALS.band, least, over) for over in SIGNALS.over]
-        return next((some for some in every if some.speeds(log) < SIGNALS.blurred), every[-1])
+        return next((bands for bands in every if speeds(bands) < SIGNALS.blurred), every[-1])
 
     @property
     def wide(self) -> float:
@@ -88,14 +98,6 @@ class Bands:
     def reversing(self) -> float:
         """The same for the speeds by which friction reverses: it is not linear in them."""
         return self.rows * self.over
-
-    def speeds(self, log: Log) -> float:
-        """Standard deviation of the noise of the speeds, rad/s, of the joint with the largest."""
-        sd = []
-        for motion in log.motions:
-            step, _, x = uniform(motion, motion.position)
-            sd.append(noise_of_positions(x, self.least) * gain(len(x), step, self.reversing))
-        return float(np.max(np.median(sd, axis=0)))
 
     def accelerations(self, log: Log) -> np.ndarray:
         """Standard deviation (n,) of the torques of nominal inertias by noise of the accelerations, N m."""

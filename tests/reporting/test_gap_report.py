@@ -715,6 +715,7 @@ def test_a_verdict_is_one_that_its_probabilities_support(kind, named, unknown, e
     (0.13, 0.03, ("hardening", "hysteresis")),
     (0.13, 0.4, ("hardening", "hysteresis")),
     (0.13, 0.5, ()),
+    (0.33, 0.6, ()),  # together more, but the unmodelled effect is likely
     (0.04, 0.03, ("hardening",)),
 ])  # fmt: skip
 def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(least, unknown, names):

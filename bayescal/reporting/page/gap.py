@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, OTHER, VALIDATION_POINTS
+from bayescal.gap.settings import VERDICT
 from bayescal.reporting import gap as sheets
 from bayescal.reporting import text
 from bayescal.reporting.body import DRAWN
@@ -124,11 +125,14 @@ def doubt_of(named: Json) -> str:
 
 
 def further(record: Json) -> tuple[str, ...]:
-    """Known effects beside the named ones that together exceed an unmodelled effect, the probable ones."""
+    """Known effects beside the named ones that together exceed an unmodelled effect, the probable ones.
+
+    None beside an unmodelled effect that is more likely than not: they may be there as well as it.
+    """
     stated, p = (sheets.NULL, sheets.OTHER, *record["effects"]), record["probability"]
     others = tuple(n for n in record["credible_set90"] if n not in stated)
-    together = sum(p.get(n) or 0.0 for n in others)
-    if record["verdict"] != "named+unexplained" or together <= (p.get(sheets.OTHER) or 0.0):
+    together, unmodelled = sum(p.get(n) or 0.0 for n in others), p.get(sheets.OTHER) or 0.0
+    if record["verdict"] != "named+unexplained" or together <= unmodelled or unmodelled >= VERDICT.sure:
         return ()
     return tuple(n for n in others if (p.get(n) or 0.0) >= LIKELY) or others
 
