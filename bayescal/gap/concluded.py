@@ -16,7 +16,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined, smooth_cell
 from bayescal.gap.outcome.events import named_events
-from bayescal.gap.outcome.statements import cautions, play_or_late
+from bayescal.gap.outcome.statements import Change, cautions, play_or_late
 from bayescal.gap.outcome.where import beside
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
@@ -62,6 +62,32 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         (*sentences(e.widths), *play_or_late(d.alone, e.pool, d.credible), *cautions(scene.dataset), *failed),
         _causes(d, probability) if kind == "class" else None,
     )
+
+
+def refused(e: Examined, change: Change) -> Examined:
+    """The diagnosis where all names together increase the validation errors.
+
+    Beside an unmodelled effect none of them is named: what they describe is a part of that effect. Else the
+    names stay, and no reduction of errors is claimed.
+    """
+    d = e.decision
+    names = frozenset(m.effect for m in d.members)
+    if d.kind == "named":
+        return replace(e, decision=replace(d, unclaimed=names))
+    kind = d.kind if d.kind in ("class", "ambiguous") else "unknown"
+    together = " with the other names" if len(names) > 1 else ""
+    why = f"explains the calibration rows, but{together} validation errors increase, {change.sizes}"
+    others = (note for note in d.footnotes if note.partition(" ")[0].partition("@")[0] not in names)
+    d = replace(
+        d,
+        kind=kind,
+        hypothesis=e.search.hypothesis(()),
+        footnotes=(*others, *(f"{name} {why}; it is not named" for name in sorted(names))),
+        unclaimed=frozenset(),
+        withheld=d.withheld | names,
+        replaced=d.replaced - names,
+    )
+    return replace(e, decision=d)
 
 
 def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:

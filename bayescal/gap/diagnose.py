@@ -22,7 +22,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import FORM
 from bayescal.gap.advise import advise, blind_spots, rivals, undecided, unseen
 from bayescal.gap.candidate_contacts import stated_masses
-from bayescal.gap.concluded import concluded, doubted, events_of
+from bayescal.gap.concluded import concluded, doubted, events_of, refused
 from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
@@ -131,15 +131,19 @@ def explain(
             after = before if same else attempted(what, partial(errors, final), after, lost)
         return replace(bare, last=admitted, final=final, after=after)
 
+    def fewer(explained: Explained) -> Explained:
+        """The same without names that are refused: the form of faces is that of `fit`."""
+        bare = replace(explained, flat=False)
+        final = bare.refit(bare.last.decision.members)
+        return replace(bare, before=errors(bare.baseline), final=final, after=errors(final))
+
     explained = compared(flat=_names_form(last))
     if explained.flat and not _names_form(explained.last):
-        bare = replace(explained, flat=False)  # the form is refused as a name: it is that of `fit`
-        final = bare.refit(explained.last.decision.members)
-        explained = replace(bare, before=errors(bare.baseline), final=final, after=errors(final))
-    if Change.of(explained.before, explained.after).refuted:  # all names together, though none alone
-        decision = explained.last.decision
-        decision = replace(decision, unclaimed=frozenset(m.effect for m in decision.members))
-        explained = replace(explained, last=replace(explained.last, decision=decision))
+        explained = fewer(explained)
+    change = Change.of(explained.before, explained.after)
+    if change.refuted:  # all names together, though none alone
+        explained = replace(explained, last=refused(explained.last, change))
+        explained = explained if explained.last.decision.members else fewer(explained)
     return replace(explained, lost=tuple(lost))
 
 

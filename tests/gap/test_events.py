@@ -33,6 +33,7 @@ from bayescal.gap.outcome.where import _sudden
 from bayescal.gap.result import Event
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import CellFit
+from bayescal.gap.settings import VERDICT
 from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -110,6 +111,25 @@ def test_an_arm_is_without_names_that_increase_validation_errors(search, several
     assert not any(n.confirmed for n in refuted.verdict.named)
     assert refuted.arm.model.effects == MODEL
     assert not any(s.claimed for s in refuted.shrinkage)
+
+
+def test_names_that_increase_validation_errors_are_none_beside_an_unmodelled_effect(
+    search, several, monkeypatch
+):
+    names = [n.effect for n in several.verdict.named]
+    probability = search.decision.probability | {"unknown": 0.99}
+    d = replace(search.decision, kind="named+unexplained", probability=probability)
+    monkeypatch.setattr(Change, "refuted", True)
+    monkeypatch.setattr("bayescal.gap.diagnose.examine", lambda *_: replace(search, decision=d))
+    refused = diagnose(several.dataset, MODEL)
+    assert (refused.verdict.kind, refused.verdict.named, refused.shrinkage) == ("unknown", (), ())
+    assert refused.refit == refused.arm.model.effects == MODEL
+    assert all(refused.verdict.probability[n] <= VERDICT.not_admitted for n in names)
+    notes = [note for note in refused.verdict.footnotes if "increase" in note]
+    assert [note.partition(" ")[0] for note in notes] == sorted(names)
+    words = headline(refused)
+    assert words[0].startswith("Unmodelled effect")
+    assert not any(n in line for n in names for line in words)
 
 
 def test_a_statement_that_fails_is_left_out_with_a_sentence(search, several, monkeypatch):

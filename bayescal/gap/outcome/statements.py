@@ -182,31 +182,35 @@ class Change:
         """Whether errors increase, and their density falls significantly."""
         return self.increased and self.significant and self.nats <= 0
 
+    @property
+    def sizes(self) -> str:
+        """The errors in words."""
+        return f"from {1e6 * self.before:.3g} to {1e6 * self.after:.3g} µm RMS per coordinate"
+
 
 def increased(first: ValidationErrors, last: ValidationErrors) -> Iterator[str]:
     """Whether validation errors increase with the named effects, and whether their density falls then."""
     change = Change.of(first, last)
     if not change.increased:
         return
-    sizes = f"from {1e6 * change.before:.3g} to {1e6 * change.after:.3g} µm RMS per coordinate"
     if change.refuted:
         yield (
-            f"validation errors increase with the named effects, {sizes}: these describe the calibration "
-            "rows only, and the arm is without them"
+            f"validation errors increase with the named effects, {change.sizes}: these describe the "
+            "calibration rows only, and the arm is without them"
         )
     elif change.significant:
         fair = kept(first, last)
         was, now = rms(first.sd[fair], of_none=0.0), rms(last.sd[fair], of_none=0.0)
         yield (
-            f"validation errors increase with the named effects, {sizes}, but so does their log density, by "
-            f"{change.nats:.0f} nats: it weights each error by its predicted uncertainty (RMS "
+            f"validation errors increase with the named effects, {change.sizes}, but so does their log "
+            f"density, by {change.nats:.0f} nats: it weights each error by its predicted uncertainty (RMS "
             f"{1e6 * was:.3g} µm, with the effects {1e6 * now:.3g} µm); the effects do not reduce errors "
             "everywhere"
         )
     else:
         yield (
-            f"validation errors do not decrease with the named effects ({sizes}); the change of their log "
-            f"density, {change.nats:+.1f} nats, is within its uncertainty of {change.u:.1f}"
+            f"validation errors do not decrease with the named effects ({change.sizes}); the change of "
+            f"their log density, {change.nats:+.1f} nats, is within its uncertainty of {change.u:.1f}"
         )
 
 
