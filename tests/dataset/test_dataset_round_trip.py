@@ -168,7 +168,7 @@ def datasets(draw) -> Dataset:
 
 @given(data=datasets())
 @settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
 def test_any_dataset_comes_back(data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("any") / "out"

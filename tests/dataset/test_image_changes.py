@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from camera_sessions import FIXED, camera_session
+from camera_sessions import camera_session
 from sessions import misread, with_columns
 
 from bayescal.dataset.cameras import carried, closed_form, flange_poses, projected
@@ -16,14 +16,15 @@ DOCUMENT = SimpleNamespace(where="dataset.yaml: {}".format)
 CORNERS = 24
 
 
-@pytest.fixture(scope="module", params=FIXED)
-def session(request):
-    return camera_session(request.param, images=10, seed=3, placed=False)
-
-
 @pytest.fixture(scope="module")
 def fixed():
     return camera_session("fixed", images=10, seed=3, placed=False)
+
+
+@pytest.fixture(autouse=True)
+def few_teeth(monkeypatch):
+    """Of the horns on other teeth one way only: each is a hand-eye anew."""
+    monkeypatch.setattr("bayescal.dataset.plausibility.TEETH", (-15.0, -10.0, -5.0))
 
 
 def said(session) -> BayescalError:
@@ -53,7 +54,8 @@ def test_readings_of_the_image_before():
     assert "images of `cam` fit the joint readings of the image after" in problem.what
 
 
-def test_lines_that_are_exposed_one_after_another(session):
+def test_lines_that_are_exposed_one_after_another():
+    session = camera_session("flange", images=10, seed=3, placed=False)
     session = with_columns(session, velocity=2 * session.measurements.velocity)
     m, rows = session.measurements, np.arange(len(session.measurements.readings))
     found = closed_form(session, 0, rows, m.readings)[2]
@@ -75,5 +77,5 @@ def test_a_horn_on_another_tooth(fixed):
     assert "the zero of J5 differs by about -14 deg" in problem.what
 
 
-def test_a_session_without_mistakes_has_no_explanation(session):
-    assert explanation(session, DOCUMENT) is None
+def test_a_session_without_mistakes_has_no_explanation(fixed):
+    assert explanation(fixed, DOCUMENT) is None
