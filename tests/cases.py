@@ -46,6 +46,14 @@ def undrawn(record: Any, draws: Any = None) -> dict[str, bytes]:
 
 
 @contextmanager
+def without_draws() -> Iterator[None]:
+    """Within, run folders of fits have an empty posterior.nc: to write one takes half of a save."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayescal.reporting.fit.record.save", lambda _, path: path.touch())
+        yield
+
+
+@contextmanager
 def drawn(really: bool = True) -> Iterator[None]:
     """Within, figures of a run are drawn."""
     with pytest.MonkeyPatch.context() as patch:

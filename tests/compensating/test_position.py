@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import refused, robot_file
+from cases import refused, robot_file, without_draws
 from compensate_arms import arm_with
 
 import bayescal as bc
@@ -23,7 +23,7 @@ from bayescal.programs.tools import nominal_arm, tool_of
 from bayescal.public.positions import Positioned
 from bayescal.robots import load_robot
 
-DRAWS = 6000
+DRAWS = 3000
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,8 @@ def test_covariance_by_draws_of_all_unknowns(session, frame, request):
 
 
 def test_one_uncertainty_for_budgets_positions_and_compensations(fitted, arm, readings, tmp_path):
-    fitted.save(tmp_path / "run", pictures=False)
+    with without_draws():
+        fitted.save(tmp_path / "run", pictures=False)
     live, loaded = fitted.position(readings), bc.load(tmp_path / "run").position(readings)
     np.testing.assert_allclose(loaded.poses, live.poses, atol=1e-9)
     np.testing.assert_allclose(loaded.covariance, live.covariance, rtol=1e-6, atol=1e-16)
@@ -116,7 +117,8 @@ def test_one_uncertainty_for_budgets_positions_and_compensations(fitted, arm, re
 
 def test_noise_of_few_measurements_widens_the_length_that_errors_do_not_exceed(tmp_path):
     fitted = bc.fit(bc.simulate(contacts=45, later=8, repeats=0, spheres=0, seed=3), samples=0)
-    fitted.save(tmp_path / "run", pictures=False)
+    with without_draws():
+        fitted.save(tmp_path / "run", pictures=False)
     q = np.radians([10.0, 20.0, -30.0, 40.0, 50.0, 60.0])
     budget = bc.budget(fitted, point=np.degrees(q))
     assert budget.record["effective_dof"] < 60

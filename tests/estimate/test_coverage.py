@@ -18,7 +18,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged
 from bayescal.model import Scene, with_parameters
 
-SESSIONS, U = 200, 10e-6
+SESSIONS, U = 120, 10e-6
 NAMES = ("theta2", "theta3", "theta5")
 
 
@@ -63,7 +63,7 @@ def test_noise_has_the_degrees_of_freedom_that_are_stated(sessions):
 @pytest.mark.parametrize(("count", "rows"), [(40, 1), (12, 3)])
 def test_clean_measurements_are_lost_as_rarely_as_promised(count, rows):
     """At the first iteration, by the median, at most so; later, by the scale of those kept, exactly."""
-    draws, rng = 2500, np.random.default_rng(count)
+    draws, rng = 1500, np.random.default_rng(count)
     none, lost, p = np.zeros((count, rows, rows)), np.zeros(2), []
     for _ in range(draws):
         size = np.sqrt(STATED_WORTH / rng.chisquare(STATED_WORTH))

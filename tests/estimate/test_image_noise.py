@@ -65,7 +65,7 @@ def test_the_noise_within_images_has_the_stated_errors_of_readings_and_no_blurre
 
 def test_errors_that_images_share_take_as_many_degrees_of_freedom_as_they_have():
     """Seven unknowns and more follow the errors of twelve images: the noise seemed a fifth smaller."""
-    sessions = (misread(images_of(seed, images=12), seed) for seed in range(6))
+    sessions = (misread(images_of(seed, images=12), seed) for seed in range(4))
     scale = [calibrated(Scene(session), ("geometry",)).weights.scale["pixel"] for session in sessions]
     assert np.mean(scale) == pytest.approx(1.0, abs=0.1)
 
@@ -79,15 +79,14 @@ def test_readings_with_errors_are_no_effect_and_validation_images_are_as_expecte
     one = points.predicted[:, 0, : len(BOARD)]
     assert np.mean(np.corrcoef(one.T)) > 0.4  # of the corners of an image
     assert abs(np.mean(np.corrcoef(one[:, 0], points.predicted[:, 0, -1])[0, 1])) < 0.2
-    told = [fit(misread(images_of(k, 26, validate=6), k), ("geometry",), samples=0) for k in (12, 13)]
-    assert [f.acceptance.failed for f in told] == [()] * 2
+    told = fit(misread(images_of(12, 26, validate=6), 12), ("geometry",), samples=0)
+    assert told.acceptance.failed == ()
 
 
 def test_validation_images_with_errors_of_readings_are_no_outliers():
-    for seed in (13, 16):
-        session = misread(images_of(seed, images=26, validate=6), seed)
-        rows, off = _validation_rows(calibrated(Scene(session, oriented=True), ("geometry",)))
-        assert (len(rows), np.sum(off)) == (6 * len(BOARD), 0)
+    session = misread(images_of(13, images=26, validate=6), 13)
+    rows, off = _validation_rows(calibrated(Scene(session, oriented=True), ("geometry",)))
+    assert (len(rows), np.sum(off)) == (6 * len(BOARD), 0)
 
 
 def test_an_image_is_left_out_as_a_whole():
@@ -107,7 +106,7 @@ def test_an_image_is_left_out_as_a_whole():
 
 def wrong_lens(off):
     """A session whose focal lengths are off by so many px, stated with u 1 px."""
-    session = images_of(6, images=24)
+    session = images_of(6, images=14)
     (target,) = session.targets
     wrong = {key: target.values[key] + off for key in ("fx", "fy")}
     values = dict(target.values) | wrong | {"u_focal": 1.0}

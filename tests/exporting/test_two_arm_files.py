@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import refused
+from cases import refused, without_draws
 
 import bayescal as bc
 from analysis.world import two_arms
@@ -25,7 +25,8 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def run(folder):
     fitted = bc.fit(folder, samples=0)
-    fitted.save(folder.parent / "run")
+    with without_draws():
+        fitted.save(folder.parent / "run", pictures=False)
     return fitted, folder.parent / "run"
 
 

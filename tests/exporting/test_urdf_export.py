@@ -77,9 +77,7 @@ def check_moves(arm, out, tip="tool0", state=None) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize(
-    "name", ["fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda", "unimation-puma560"]
-)
+@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda"])
 def test_a_new_urdf_moves_as_the_geometry(name):
     arm = fake(session_of(name), ("geometry",))
     out = export(arm, "urdf", name="arm")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import refused, terminal_text
+from cases import refused, terminal_text, without_draws
 from export_arms import fake, session_of
 from rails import moving_session
 from sessions import geared, with_columns
@@ -227,7 +227,8 @@ def fit_of(case):
 def run(request, tmp_path_factory):
     """A fit, its run folder, and what is expected of it."""
     found, folder = fit_of(request.param), tmp_path_factory.mktemp("run") / "fit"
-    write_fit(found, folder, fit_record(found), pictures=False)
+    with without_draws():
+        write_fit(found, folder, fit_record(found), pictures=False)
     allowed, step = CASES[request.param]
     return SimpleNamespace(case=request.param, fit=found, folder=folder, allowed=allowed, step=step)
 

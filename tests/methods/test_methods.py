@@ -24,7 +24,7 @@ from bayescal.reporting.comparison import COLUMNS, comparison_record, comparison
 from bayescal.simulation import Options
 
 EFFECTS = ("geometry", "compliance")
-LAYOUT = Options(seed=2, contacts=100, later=12, repeats=0, placements=2, sphere_contacts=8)
+LAYOUT = Options(seed=2, contacts=80, later=12, repeats=0, placements=1, sphere_contacts=8)
 TOUCHING = ("normals", "known planes", "linear steps", "inverse", "bayescal")
 READ = ("inverse", "open loop", "bayescal")
 UM = 1e6

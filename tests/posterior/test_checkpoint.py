@@ -99,8 +99,8 @@ def proposed(monkeypatch, fitted, kept):
     return counts
 
 
-def computed(monkeypatch, fitted, kept, **options):
-    """Draws, and how many points the density was computed at."""
+def computed(monkeypatch, fitted, kept, every=600.0, **options):
+    """Draws, and how many points the density was computed at; they are written after `every`, s."""
     count, own = 0, Density.__call__
 
     def counted(self, x):
@@ -110,6 +110,7 @@ def computed(monkeypatch, fitted, kept, **options):
 
     with monkeypatch.context() as patch:
         patch.setattr(Density, "__call__", counted)
+        patch.setattr(module, "EVERY", every)
         return sample(fitted, **(OPTIONS | options), checkpoint=kept), count
 
 
@@ -127,7 +128,7 @@ def test_interrupted_again_and_again_the_draws_are_the_same(monkeypatch, capfd, 
     with monkeypatch.context() as patch:  # killed in a write
         patch.setattr(locks.Path, "replace", stop)
         interrupted(monkeypatch, fitted, checkpoint, 10)
-    draws, count = computed(monkeypatch, fitted, checkpoint)
+    draws, count = computed(monkeypatch, fitted, checkpoint, every=-1.0)
     assert same(draws, plain)
     _, every = computed(monkeypatch, fitted, None)
     assert count < 0.8 * every

@@ -10,7 +10,7 @@ from bayescal.predict.forecast import certified_sizes
 
 
 def test_the_stated_size_of_a_board_is_no_prior():
-    session = camera_session(images=12, seed=3)
+    session = camera_session(images=8, seed=3)
     (t,) = session.targets
     usual = replace(session, targets=(replace(t, values=t.values | {"u_scale": np.nan}),))
     stated = replace(session, targets=(replace(t, values=t.values | {"u_scale": 1e-3}),))  # as where none is

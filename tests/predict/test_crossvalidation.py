@@ -56,7 +56,7 @@ def test_linear_predictions_agree_with_the_draws(fitted):
 def test_predicted_sd_is_the_error_that_is_made(cube):
     """Over sessions with other noise and another arm each: distances and held-out contacts over their sd."""
     scores, contacts = [], []
-    for seed in range(7):
+    for seed in range(4):
         data = with_spheres(cube(seed=seed, count=110), 20, seed)
         h = validation_errors(estimate(build(Scene(data), FULL)))
         scores.append(h.distances.error / h.distances.predicted_sd())
@@ -200,7 +200,7 @@ def test_rows_that_locate_their_target_scatter_as_predicted(tracker):
     dataset = with_columns(dataset, target=late.astype(int), role=np.where(late, "validate", "calibrate"))
     found, drawn = calibrated(Scene(dataset), ("geometry", "compliance")), []
     true = (session.arm.points(m.readings, m.payload) - session.frame[:3, 3]) @ session.frame[:3, :3]
-    for seed in range(60):
+    for seed in range(40):
         read = true + 10e-6 * np.random.default_rng(seed).standard_normal(true.shape)
         xyz = np.where(late[:, None], read, m.xyz)
         again = Scene(replace(dataset, measurements=replace(dataset.measurements, xyz=xyz)))

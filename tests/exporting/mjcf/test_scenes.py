@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 import pytest
 from cases import DATA, refused
+from drawn_arms import drawn, off
 
-from analysis.simulators import BASE, differences, drawn, patched
+from analysis.simulators import BASE, differences
 from bayescal.exporting.export import export
 from bayescal.exporting.mjcf import Joints, replay_table
 from bayescal.exporting.mjcf.elastic import CLOSE, Content, spring_of
@@ -39,10 +40,11 @@ def changed(*by: tuple[str, str]) -> str:
 
 def fits(path: Path, effects=ELASTIC, tip: str = "", poses: int = 3):
     """The exported arm, after its tool points in MuJoCo were compared with the model."""
-    arm = drawn("universal-robots-ur5e", effects)
-    off, _ = differences(arm, poses, patched(arm, Path(f"{path}{tip}")))
-    assert np.max(off) < limit(effects)
-    return export(arm, "mjcf", into=f"{path}{tip}", force=True)
+    arm, into = drawn("universal-robots-ur5e", effects), Path(f"{path}{tip}")
+    found = export(arm, "mjcf", into=str(into), force=True)
+    file = File.of(arm, found.written.content, into, found.record(into.name))
+    assert np.max(off(arm, poses, file)) < limit(effects)
+    return found
 
 
 def save(folder: Path, text: str, name: str = "scene.xml") -> Path:
@@ -311,8 +313,8 @@ def test_script_gives_the_points_of_the_model(robot, into, tmp_path):
     arm = drawn(robot, EFFECTS)
     found = export(arm, "mjcf", into=into, readings="script", force=True)
     record = found.record("arm.xml")
-    off, size = differences(arm, 8, File.of(arm, found.written.content, tmp_path / "arm.xml", record))
-    assert np.max(off) < 2e-8
+    away, size = differences(arm, 8, File.of(arm, found.written.content, tmp_path / "arm.xml", record))
+    assert np.max(away) < 2e-8
     assert size > 2e-6
     written = found.save(tmp_path / "arm.xml")
     assert {p.name for p in written} == {
