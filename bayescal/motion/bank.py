@@ -215,6 +215,14 @@ class Bank:
         half = len(nats) // 2
         return BASE if np.sum(nats[:half]) > np.sum(nats[half:]) else TOOL
 
+    def channels(self, p: Product) -> frozenset[int]:
+        """Channels of the residuals in which a product is."""
+        if p.terms:
+            return frozenset(range(len(self.table.parts[0].numbers)))
+        log = self.table.parts[0].signals.log
+        moved = [(TRACKING, j) for j, moves in zip(p.joints, p.moves, strict=True) if moves]
+        return frozenset(channel(log, kind, j) for kind, j in [*((p.kind, j) for j in p.joints), *moved])
+
     def columns(self, p: Product) -> Sparse:
         """Columns of a product, N m and rad."""
         count = self.first[p.argument].functions.shape[1]

@@ -78,7 +78,7 @@ def simplified(search: Search, hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypo
 def _less(search: Search, h: Hypothesis, m: Member) -> Hypothesis:
     """A set without one of its names."""
     members = tuple(o for o in h.members if o is not m)
-    added = search.additions(members).get(m.form.effect)
+    added = search.additions(Hypothesis(members, 0.0, 0.0)).get(m.form.effect)
     evidence = h.log_evidence - added[1] if added else h.log_evidence
     before, after = (search.prior([o.form.effect for o in of]) for of in (h.members, members))
     return Hypothesis(members, evidence, h.log_prior + after - before)
@@ -127,7 +127,8 @@ def _free(bank: Bank, m: Member, gains: Gains) -> tuple[Product, float] | None:
 
 def _unknown(bank: Bank, whole: Search, base: Hypothesis, gains: Gains) -> tuple[Hypothesis, Unlisted | None]:
     """A set with an unknown cause: the best of cells, products and events, with the evidence of all."""
-    nats = np.array([value for _, value in gains])
+    least = whole.of_form(base)
+    nats = np.array([value - least(bank.channels(product)) for product, value in gains])
     product = gains[int(np.argmax(nats))][0]
     general: list[tuple[float, Member, Unlisted | None]] = []
 
@@ -135,14 +136,15 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis, gains: Gains) -> tuple
         general.append((value, Member(form, 1.0), _unlisted(form, columns, 1.0)))
 
     add(float(logsumexp(nats) - np.log(len(nats))), product.form, bank.columns(product))
-    if cell := whole.additions(base.members).get(UNKNOWN):
+    if cell := whole.additions(base).get(UNKNOWN):
         general.append((cell[1], cell[0], None))
     if event := max(events(bank, whole.fit(base.members)), key=lambda e: e[1], default=None):
         form, value, columns = event
-        add(value - float(np.log(len(bank.size))), form, columns)
+        value -= least(frozenset().union(*columns)) + float(np.log(len(bank.size)))
+        add(value, form, columns)
     # the second test of general functions: half the odds, shared by their kinds
     evidence = float(logsumexp([value for value, _, _ in general])) - np.log(2.0 * len(general))
-    evidence += base.log_evidence - SEARCH.form * max(base.log_evidence, 0.0)
+    evidence += base.log_evidence
     _, member, unlisted = max(general, key=lambda g: g[0])
     prior = whole.prior((*(m.form.effect for m in base.members), UNKNOWN))
     return Hypothesis((*base.members, member), evidence, prior), unlisted

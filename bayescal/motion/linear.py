@@ -89,6 +89,16 @@ class Table:
     terms: tuple[Term, ...]
     parts: tuple[Part, ...]
 
+    @property
+    def acting(self) -> dict[str, frozenset[int]]:
+        """Channels in which each term acts, in any motion."""
+        out: dict[str, frozenset[int]] = {term.name: frozenset() for term in self.terms}
+        for part in self.parts:
+            for channel, numbers in enumerate(part.numbers):
+                for k in numbers:
+                    out[self.terms[k].name] |= {channel}
+        return out
+
     def of_role(self, *roles: str) -> Table:
         """The motions of some roles."""
         return Table(self.terms, tuple(p for p in self.parts if p.signals.role in roles))

@@ -90,7 +90,8 @@ class Pool:
         """The search over the motions of some normal equations."""
         taken = set(chain.from_iterable([*self.forms.values(), *self.extra.values()]))
         base = tuple(t.name for t in self.table.terms if t.name not in taken)
-        return Search(p, tuple(self.forms.items()), base, {"ripple": self.scale.waves.spread}, self.extra)
+        spread = {"ripple": self.scale.waves.spread}
+        return Search(p, tuple(self.forms.items()), base, spread, self.extra, self.table.acting)
 
     def unfiltered(
         self, values: Mapping[str, float], role: str = VALIDATE

@@ -3,9 +3,9 @@
 What is said of a log: probabilities of all hypotheses, and the effects that are named.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
@@ -57,6 +57,7 @@ class Search:
     base: tuple[str, ...]  # terms of the baseline
     spread: Mapping[str, float]  # log of the share of its settings that became forms, of effects with a scan
     extra: Mapping[Form, tuple[str, ...]] = field(default_factory=dict)  # forms that the search does not add
+    acting: Mapping[str, frozenset[int]] = field(default_factory=dict)  # channels of each term; else all
 
     @cached_property
     def terms(self) -> dict[Form, tuple[str, ...]]:
@@ -157,10 +158,43 @@ class Search:
             return float(np.log(SEARCH.null)) + SEARCH.tolerance
         return float(np.log(SEARCH.single / count) + further)
 
-    def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
-        """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged."""
+    @cached_property
+    def channels(self) -> dict[Form, frozenset[int]]:
+        """Channels of the residuals in which each form acts."""
+        return {form: self._channels(terms) for form, terms in self.terms.items()}
+
+    def _channels(self, terms: Sequence[str]) -> frozenset[int]:
+        every = frozenset(range(len(self.normal.chi2)))
+        return frozenset().union(*(self.acting.get(term, every) for term in terms))
+
+    def of_form(self, h: Hypothesis) -> Callable[[frozenset[int]], float]:
+        """Nats that a further effect in some channels must exceed: they may belong to the form of the names.
+
+        These are a share of what is explained by those names that act in one of the channels.
+        """
+        whole, nothing = self.fit(h.members).log_evidence, self.fit().log_evidence
+        explained = SEARCH.form * max(h.log_evidence, 0.0)
+
+        @cache
+        def of(apart: tuple[Member, ...]) -> float:
+            share = (whole - self.fit(apart).log_evidence) / max(whole - nothing, 1e-9)
+            return explained * float(np.clip(share, 0.0, 1.0))
+
+        def nats(channels: frozenset[int]) -> float:
+            apart = tuple(m for m in h.members if channels.isdisjoint(self.channels[m.form]))
+            return of(apart) if explained and len(apart) < len(h.members) else 0.0
+
+        return nats
+
+    def additions(self, h: Hypothesis) -> dict[str, tuple[Member, float]]:
+        """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged.
+
+        The gain is what exceeds the nats `of_form`.
+        """
+        members, least = h.members, self.of_form(h)
         table = gains(self.fit(members), self.sets, SCALES)[0]
         table -= self.flexible[:, None] * np.maximum(table, 0.0)
+        table -= np.array([least(self.channels[form]) for form, _ in self.forms])[:, None]
         table += self.form_priors[:, None] + self.scale_priors
         taken, out = {(m.form.effect, m.form.site) for m in members}, {}
         terms = {term for m in members for term in self.terms[m.form]}
@@ -199,11 +233,9 @@ class Search:
             further: dict[tuple[str, ...], Hypothesis] = {}
             for h in level:
                 effects = [m.form.effect for m in h.members]
-                for name, (member, gain) in self.additions(h.members).items():
+                for name, (member, gain) in self.additions(h).items():
                     key = tuple(sorted([*effects, name]))
-                    # a further effect may belong to the form of those that are named
-                    evidence = h.log_evidence + gain - SEARCH.form * max(h.log_evidence, 0.0)
-                    new = Hypothesis((*h.members, member), evidence, self.prior(key))
+                    new = Hypothesis((*h.members, member), h.log_evidence + gain, self.prior(key))
                     if key not in further or new.log_evidence > further[key].log_evidence:
                         further[key] = new
             every |= further

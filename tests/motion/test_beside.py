@@ -339,8 +339,8 @@ def test_names_that_no_longer_pay_for_their_prior_beside_an_unknown_cause_are_le
         def scaled(self, h):
             return h
 
-        def additions(self, members):
-            missing = set(gains) - {m.form.effect for m in members}
+        def additions(self, h):
+            missing = set(gains) - {m.form.effect for m in h.members}
             return {name: (Member(Form(name, "tool", ""), 1.0), gains[name]) for name in missing}
 
         def prior(self, effects):
@@ -366,7 +366,7 @@ def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool):
     single = replace(single, setting="" if single.of_each else single.setting)
     assert search.terms[single][0] in search.terms[every]
     for taken in (every, single):
-        member, _ = search.additions([Member(taken, 1.0)])["torque-constant"]
+        member, _ = search.additions(Hypothesis((Member(taken, 1.0),), 0.0, 0.0))["torque-constant"]
         assert not set(search.terms[member.form]) & set(search.terms[taken])
     assert all(len(search.terms[f]) == pool.table.parts[0].signals.log.n for f in search.terms if f.of_each)
     place = {form: k for k, (form, _) in enumerate(search.forms)}

@@ -13,8 +13,8 @@ from bayescal.motion.effects import Form
 from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.quantities import UNKNOWN
-from bayescal.motion.search import Search
-from bayescal.motion.settings import SIGNALS
+from bayescal.motion.search import Hypothesis, Member, Search
+from bayescal.motion.settings import SEARCH, SIGNALS
 from bayescal.motion.signals import Bands, derivative, low_passed, signals_of
 from bayescal.motion.terms import Term
 from bayescal.motion.together import _moved
@@ -283,3 +283,28 @@ def test_names_are_searched_on_where_a_general_function_leads():
     alone = {h.names: h.score for h in hypotheses if len(h.members) == 1}
     assert alone[UNKNOWN,] > max(alone["stribeck",], alone["ripple",]) + 20.0
     assert set(hypotheses[0].names) == {"stribeck", "ripple"}
+
+
+def test_a_further_effect_must_exceed_what_may_belong_to_names_of_its_own_channels_only():
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(400, 3)), rng.normal(size=400)
+    x[:200, 1:] = x[200:, 0] = 0.0  # rows of two channels
+    y += 200.0 * x[:, 0] + 0.45 * x[:, 1]
+    sd = np.array([100.0, 1.0, 1.0])
+    terms = tuple(Term(name, "1", s) for name, s in zip(("elasticity", "ripple", "delay"), sd, strict=True))
+    chi2 = np.array([y[:200] @ y[:200], y[200:] @ y[200:]])
+    p = Normal(terms, (x.T @ x) * np.outer(sd, sd), (x.T @ y) * sd, chi2)
+    forms = tuple((Form(t.name, "joint 1", "speed"), (t.name,)) for t in terms)
+    acting = {"elasticity": frozenset((0,)), "ripple": frozenset((1,)), "delay": frozenset((0, 1))}
+    search, shared = Search(p, forms, (), {}, acting=acting), Search(p, forms, (), {})
+    assert set(search.run()[0].names) == {"elasticity", "ripple"}
+    assert set(shared.run()[0].names) == {"elasticity"}
+    first = next(h for h in search.run() if h.names == ("elasticity",))
+    least = search.of_form(first)
+    assert least(acting["ripple"]) == 0.0
+    assert least(acting["delay"]) == pytest.approx(SEARCH.form * first.log_evidence)
+    both = Hypothesis((*first.members, Member(forms[1][0], 1.0)), first.log_evidence, 0.0)
+    gained = search.fit(both.members).log_evidence - search.fit(first.members).log_evidence
+    whole = search.fit(both.members).log_evidence - search.fit().log_evidence
+    share = gained / whole  # of what both explain
+    assert search.of_form(both)(frozenset((1,))) == pytest.approx(SEARCH.form * share * first.log_evidence)
