@@ -89,15 +89,15 @@ class Table:
     terms: tuple[Term, ...]
     parts: tuple[Part, ...]
 
-    @property
+    @cached_property
     def acting(self) -> dict[str, frozenset[int]]:
         """Channels in which each term acts, in any motion."""
-        out: dict[str, frozenset[int]] = {term.name: frozenset() for term in self.terms}
+        there = np.zeros((len(self.terms), len(self.parts[0].numbers)), bool)
         for part in self.parts:
             for channel, numbers in enumerate(part.numbers):
-                for k in numbers:
-                    out[self.terms[k].name] |= {channel}
-        return out
+                there[numbers, channel] = True
+        channels = (frozenset(np.flatnonzero(row).tolist()) for row in there)
+        return dict(zip((term.name for term in self.terms), channels, strict=True))
 
     def of_role(self, *roles: str) -> Table:
         """The motions of some roles."""
