@@ -123,7 +123,6 @@ class Cell:
     deepest: float = 0.0
     travelled: list = field(default_factory=list)  # (kind, readings) of ended motions
     by_hand: bool = False
-    open: bool = False  # nothing is touched by motions by joint angles
     inside: np.ndarray = field(default_factory=lambda: np.empty(0))  # depth along the path
 
     def depth(self, q: np.ndarray) -> np.ndarray:
@@ -161,7 +160,7 @@ class Cell:
         else:
             self.path = self.nominal.line(self.q, goal, shares)
         self.at, self.speed, self.kind = 0, speed, kind
-        self.inside = np.full(count, -1.0) if self.open and kind == "joint" else self.depth(self.path)
+        self.inside = self.depth(self.path)
 
     def tick(self) -> bool:
         """A control cycle of the motion; whether it has ended."""

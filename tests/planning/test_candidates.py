@@ -103,7 +103,7 @@ def test_the_tool_is_within_its_cone(candidate_pool, setup):
     assert cosine.min() > np.cos(setup.cone) - 1e-6
     assert cosine.min() < np.cos(0.8 * setup.cone)  # and directions vary over it
     narrow = replace(setup, cone=np.radians(20.0))
-    own = candidates(replace(narrow, dataset=of_targets(setup.dataset, *FACES)), 60, seed=1)
+    own = candidates(replace(narrow, dataset=of_targets(setup.dataset, *FACES)), 24, seed=1)
     cosine = np.sum(Scene(own.session).flange[:, :, 2] * -normals(own), axis=1)
     assert cosine.min() > np.cos(narrow.cone) - 1e-6
 
@@ -166,7 +166,7 @@ def test_a_sphere_is_located_in_one_configuration(candidate_pool, setup):
 
 def test_the_seed_decides(setup):
     own = continued(of_targets(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x", "ball.B@1"))
-    first, again, other = (candidates(own, 40, seed=s) for s in (3, 3, 4))
+    first, again, other = (candidates(own, 16, seed=s) for s in (3, 3, 4))
     readings = [p.session.measurements.readings for p in (first, again, other)]
     assert np.array_equal(readings[0], readings[1])
     assert first.dropped == again.dropped
@@ -188,9 +188,9 @@ def unreachable(dataset: Dataset) -> Dataset:
 
 def test_a_target_out_of_reach_is_reported_and_the_others_have_its_share(setup):
     dataset = unreachable(of_targets(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x"))
-    pool = candidates(continued(dataset), 100, seed=0)
+    pool = candidates(continued(dataset), 40, seed=0)
     names = [t.name for t in dataset.targets]
-    assert Counter(names[t] for t in pool.session.measurements.target) == dict.fromkeys(FACES, 25)
+    assert Counter(names[t] for t in pool.session.measurements.target) == dict.fromkeys(FACES, 10)
     (warning,) = pool.warnings
     assert warning.startswith("no possible contacts on far: no joint angles within the limits (100%)")
 
@@ -223,9 +223,9 @@ def test_other_kinds_of_target(setup, name):
     settings = PlanSettings(volume=volume, regions={"pin": pin} if name == "pin" else {})
     dataset = replace(of_targets(setup.dataset), targets=(KINDS[name],), plan=settings)
     dataset = replace(dataset, noise=replace(dataset.noise, point=1e-5))
-    pool = candidates(continued(dataset), 60, seed=2)
+    pool = candidates(continued(dataset), 40, seed=2)
     m, points = pool.session.measurements, Scene(pool.session).points
-    assert len(m.ids) == 60
+    assert len(m.ids) == 40
     assert misses(pool).max() < 1e-7
     touched = name in ("pin", "seat")
     assert (m.velocity is not None) == touched
@@ -277,7 +277,7 @@ def test_compliances_of_the_robot_file_are_in_the_readings(setup):
 
 # --- Contacts that were never made: found whatever their share, and no measured contact is taken for one.
 
-ROWS = 110
+ROWS = 50
 
 
 @pytest.fixture(scope="module")
@@ -285,7 +285,7 @@ def measured(cube):
     """A session, and the same with the readings of a plan, in the digits of plan.csv."""
     dataset = cube(seed=2, count=130).dataset
     at = on_planes(made_up_plan(dataset, count=ROWS, validation=0)).session.measurements.readings
-    session = made_up_plan(dataset, count=ROWS, validation=20).session
+    session = made_up_plan(dataset, count=ROWS, validation=10).session
     at = np.radians(np.round(np.degrees(at), 7))
     return session, np.concatenate([at, session.measurements.readings[ROWS:]])
 
@@ -305,7 +305,7 @@ def test_a_single_contact_is_found(measured):
         assert found.chance < CHANCE
 
 
-@pytest.mark.parametrize("count", [4, 40, ROWS])
+@pytest.mark.parametrize("count", [4, ROWS])
 def test_and_so_are_many(measured, count):
     rows = np.sort(np.random.default_rng(0).choice(ROWS, count, replace=False))
     assert planned(mixed(measured, rows)).rows.tolist() == rows.tolist()
@@ -324,16 +324,16 @@ def test_measured_contacts_are_not(measured, spread):
     session, plan = measured
     rng = np.random.default_rng(3)
     false = 0
-    for _ in range(300):
+    for _ in range(150):
         m = replace(session.measurements, readings=plan + spread * rng.standard_normal(plan.shape))
         false += planned(replace(session, measurements=m)) is not None
-    assert false <= 3  # 0.3 expected
+    assert false <= 1  # 0.15 expected
 
 
 def test_fewer_than_three_are_a_warning_with_their_chance(measured):
     """Among many sessions, two contacts are within nanometres of nominal in one of them."""
     dataset = mixed(measured, [17, 30])
-    result = bc.fit(dataset, model="geometry", samples=0)
+    result = bc.fit(dataset, model="joint", samples=0)
     assert not result.record["verdict"]["words"].startswith("no calibration")
     (said,) = [w for w in result.record["warnings"] if "readings of a plan" in w]
     assert "perhaps not made (chance of such measured contacts" in said
@@ -349,7 +349,7 @@ def test_check_and_fit_say_it(measured, tmp_path, output_of):
     name = dataset.measurements.ids[17]
     assert f"3 contacts have the readings of a plan ({name}, " in found["what"]
     assert found["where"].startswith("measurements.csv:19")
-    result = bc.fit(tmp_path / "cell", model="geometry", samples=0)
+    result = bc.fit(tmp_path / "cell", model="joint", samples=0)
     verdict = result.record["verdict"]
     assert verdict["words"].startswith("no calibration")
     assert not verdict["explains"]

