@@ -17,7 +17,8 @@ from scipy.stats import norm
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.estimate import calibrated
+from bayescal.estimate import calibrated, estimate
+from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.reporting import figures as process
 from bayescal.reporting.figures import estimates, residuals, where
@@ -47,21 +48,21 @@ def sessions(cube, tracker):
     """Records of diagnoses, by what is unusual about them."""
     own, points = cube(seed=1, count=80).dataset, tracker(seed=1, count=40).dataset
     more = seven(own)
-    rows = {id(d): rows_record(calibrated(Scene(d), ("joint",))) for d in (own, points, more)}
+    fits = {id(d): estimate(build(Scene(d), ("joint",)), robust=False) for d in (own, points, more)}
+    rows = {key: rows_record(fitted) for key, fitted in fits.items()}
 
     def record(gap, dataset):
         return gap_record(gap) | {"rows": rows[id(dataset)]}
 
     out = {k: record(diagnosis(own, k), own) for k in ("null", "named", "unknown", "named+unexplained")}
     out["points"] = record(diagnosis(points, "named", distances=False), points)
-    out["seven joints"] = record(diagnosis(more), more)
     out["empty tables"] = record(bare(own), own)
-    out["long names"] = lengthened(out["named+unexplained"])
+    out["long names"] = lengthened(record(diagnosis(more, "named+unexplained"), more))
     return out
 
 
 def lengthened(record):
-    """The same with the longest texts that occur: places, effects, targets, verdicts."""
+    """The same, of seven joints, with the longest texts that occur: places, effects, targets, verdicts."""
     names = [f"{LONG} {k}" for k in range(20)]
     rows = record["rows"]
     rows = rows | {"target": [names[k % 20] for k in range(len(rows["id"]))]}
@@ -93,7 +94,7 @@ def many_targets(fit):
     return fit | {"rows": rows, "validation": checked, "parameters": own}
 
 
-CASES = {80: ("long names", "seven joints", "fit, many targets"), 160: ("long names",)}
+CASES = {80: ("long names", "fit, many targets"), 160: ("long names",)}
 """Records by width: a wide figure has panels beside each other, and more room."""
 
 
@@ -129,6 +130,11 @@ def test_the_check_of_overlap_sees_an_overlap_and_a_cut_title():
     assert outside == ["a title that is too long for this"]
 
 
+def panel(name, record):
+    """The axes of the first panel of a figure, drawn without the rest of its sheet."""
+    return draw(name, record, ax=Figure().subplots()).axes[0]
+
+
 def marks(axes, style):
     """Positions (K, 2) of marks in axes, of a style of a figure."""
     colour = to_hex(style.get("color", style.get("markeredgecolor", "k")))
@@ -141,7 +147,7 @@ def marks(axes, style):
 
 def test_levels_are_those_of_the_record(fit, sessions):
     for record, key in ((fit, "heldout_planes_rms_um"), (sessions["named"], "heldout_rms_um")):
-        drawn = marks(draw("levels", record).axes[0], {"color": SERIES[0], "marker": "o"})
+        drawn = marks(panel("levels", record), {"color": SERIES[0], "marker": "o"})
         assert drawn[:, 0] == pytest.approx([step[key] for step in record["ladder"]])
         assert np.all(np.diff(drawn[:, 1]) > 0)
 
@@ -151,7 +157,7 @@ def test_points_are_not_drawn_per_coordinate(sessions):
     record = sessions["points"]
     levels = [step | {"point_length_rms_um": 3.0 * k + 1} for k, step in enumerate(record["ladder"])]
     record = record | {"lengths": record["lengths"] | {"of": "validation points"}, "ladder": levels}
-    axes = draw("levels", record).axes[0]
+    axes = panel("levels", record)
     assert len(marks(axes, {"color": SERIES[0], "marker": "o"})) == 0
     lengths = [3.0 * k + 1 for k in range(len(record["ladder"]))]
     assert marks(axes, {"color": SERIES[2], "marker": "D"})[:, 0] == pytest.approx(lengths)
@@ -161,7 +167,7 @@ def test_distances_are_those_of_the_record(fit):
     own = fit["validation"]["distances"]
     outside = [d | {"inside95": False} for d in own[:1]]
     record = fit | {"validation": fit["validation"] | {"distances": [*outside, *own[1:]]}}
-    axes = draw("distances", record).axes[0]
+    axes = panel("distances", record)
     inside = marks(axes, estimates.INSIDE)[:, 0]
     assert sorted(inside) == pytest.approx(sorted(d["calibrated_error_um"] for d in own[1:]))
     assert marks(axes, estimates.OUTSIDE)[:, 0] == pytest.approx([own[0]["calibrated_error_um"]])
@@ -172,7 +178,7 @@ def test_distances_are_those_of_the_record(fit):
 
 def test_a_reduction_is_that_of_the_record(sessions):
     record = sessions["named"]
-    axes = draw("distances", record).axes[0]
+    axes = panel("distances", record)
     own = list(record["lengths"]["shrinkage"].values())
     assert marks(axes, estimates.BEFORE)[:, 0] == pytest.approx([s["before_rms_um"] for s in own])
     assert marks(axes, estimates.AFTER)[:, 0] == pytest.approx([s["after_rms_um"] for s in own])
@@ -180,7 +186,7 @@ def test_a_reduction_is_that_of_the_record(sessions):
 
 def test_each_row_of_a_fit_is_one_mark_at_its_residual(fit):
     rows = fit["rows"]
-    axes = draw("residuals", fit).axes[0]
+    axes = panel("residuals", fit)
     drawn = np.concatenate([marks(axes, style) for style in residuals.KINDS.values()])
     minutes = (np.array(rows["time_s"]) - min(rows["time_s"])) / 60.0
     expected = [both for both in zip(minutes, rows["residual_um"], strict=True) if both[1] is not None]
@@ -203,7 +209,7 @@ def test_a_point_is_one_mark_not_three(tracker):
     assert not e.signed
     lengths = np.linalg.norm(1e6 * error.reshape(-1, 3), axis=1)
     assert sorted(e.value) == pytest.approx(sorted(lengths), abs=1e-3)
-    axes = draw("residuals", record).axes[0]
+    axes = panel("residuals", record)
     inside = np.sum(e.value <= residuals.edge_of(e, residuals.of_gap(record, "after")))
     assert len(marks(axes, residuals.KINDS["fitted"])) == inside
     assert axes.get_ylim()[0] == 0.0
@@ -236,12 +242,12 @@ def bars(axes):
 
 def test_bars_are_those_of_the_record(sessions):
     record = sessions["unknown"]
-    drawn = bars(draw("where", record).axes[0])
+    drawn = bars(panel("where", record))
     shown = record["where"][: where.PLACES]
     assert [width for width, _ in drawn] == pytest.approx([w["rms_um"] for w in shown])
     expected = [where.significant(w["family_p_value"]) for w in shown]
     assert [colour != "#ffffff" for _, colour in drawn] == expected
-    drawn = bars(draw("which", record).axes[0])
+    drawn = bars(panel("which", record))
     ranked = sorted(record["probability"].values(), reverse=True)
     assert [width for width, _ in drawn] == pytest.approx(ranked[: len(drawn)])
 
@@ -266,13 +272,12 @@ def test_nothing_is_red_where_nothing_is_significant(sessions):
     "site", ["joint 3", "link 2", "base", "tool", "probe", "arm", "artefact", "cube.+y", "none"]
 )
 def test_a_significant_site_is_marked_and_named(sessions, site):
-    figure = draw("arm", sessions["named"] | {"marked": site})
-    axes = figure.axes[0]
+    axes = panel("arm", sessions["named"] | {"marked": site})
     lines = {to_hex(c) for line in axes.lines for c in (line.get_color(), line.get_markerfacecolor())}
     rings = {to_hex(c) for own in axes.collections for c in own.get_edgecolors()}
     bodies = {to_hex(patch.get_facecolor()) for patch in axes.patches}
     assert to_hex(MARKED) in lines | rings | bodies
-    assert site in [t.get_text() for t in texts(figure)]
+    assert site in [t.get_text() for t in texts(axes.figure)]
 
 
 def test_the_site_of_every_named_effect_is_marked(sessions):
@@ -306,7 +311,7 @@ def test_the_log_evidence_of_a_set_is_that_of_the_page(sessions):
 
 def test_signs_point_up_for_positive_residuals(fit):
     error = (e := residuals.of_fit(fit)).value
-    axes = draw("arm", fit).axes[0]
+    axes = panel("arm", fit)
     assert e.signed
     assert [len(c.get_offsets()) for c in axes.collections] == [np.sum(error >= 0), np.sum(error < 0)]
 

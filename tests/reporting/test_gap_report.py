@@ -270,7 +270,7 @@ CASES = {
 }
 
 
-DRAWN = ("named", "single plane, no time")
+DRAWN = ("single plane, no time",)
 """Cases whose pictures are drawn here; `test_figures` draws the others."""
 
 

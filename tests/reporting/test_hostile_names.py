@@ -1,12 +1,15 @@
 """Names of files are text: no markup of the terminal, no element of a page, whatever they contain."""
 
 import io
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import count, cycle
+from types import SimpleNamespace
 
 import pytest
 from cases import refused
+from gap_diagnoses import diagnosis
 from rich.console import Console
 from sessions import plain
 from typer.testing import CliRunner
@@ -72,19 +75,21 @@ def run(*arguments: str) -> str:
 @pytest.fixture(scope="module")
 def session(cube, tmp_path_factory):
     folder = tmp_path_factory.mktemp("[b]hostile") / "session"
-    write_dataset(hostile(plain(cube(seed=9, count=80).dataset)), folder)
+    write_dataset(hostile(plain(cube(seed=9, count=60).dataset)), folder)
     return folder
 
 
 @pytest.fixture(scope="module")
 def fitted(session):
-    return bc.fit(session, samples=0)
+    return bc.fit(session, "joint", samples=0)
 
 
 def test_commands_print_names_as_they_are(session):
     out = session.parent / "[red]run"
     checked = run("check", str(session))
-    fitted = run("fit", str(session), "--samples", "0", "--no-pictures", "--out", str(out))
+    fitted = run(
+        "fit", str(session), "--model", "joint", "--samples", "0", "--no-pictures", "--out", str(out)
+    )
     assert "[/] <hostile>  [/] <hostile>" in checked
     assert "[/] <hostile>  [/] <hostile>" in fitted
     assert f"{out}/fit.json" in fitted
@@ -99,9 +104,12 @@ def test_commands_print_names_as_they_are(session):
     assert {"svg", "table"} <= page.tags
 
 
-def test_no_name_is_an_element_of_any_page(session, fitted, tmp_path, quick_search):
+def test_no_name_is_an_element_of_any_page(session, fitted, tmp_path, quick_search, monkeypatch):
     """Of a fit, a diagnosis, both side by side and a plan: pages, and what a notebook shows of them."""
-    options = {"contacts": 60, "purpose": "distances", "candidates": 130, "order": "random"}
+    named = SimpleNamespace(diagnose=lambda dataset, *_, **__: diagnosis(dataset, "named+unexplained"))
+    monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", named)
+    monkeypatch.setattr("bayescal.reporting.figures.plan.plan_picture", lambda plan: b"\x89PNG")
+    options = {"contacts": 40, "model": "joint", "purpose": "distances", "candidates": 80, "order": "random"}
     results = {"report.html": fitted, "gap.html": bc.diagnose(session, "geometry")}
     results["plan.html"] = bc.plan(session, **options)
     for name, result in results.items():

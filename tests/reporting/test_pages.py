@@ -482,10 +482,11 @@ def test_without_a_browser_nothing_is_written(own, monkeypatch):
     assert not out.exists()
 
 
-def test_pdf(own, chromium):
+def test_pdf(own, chromium, monkeypatch):
     page, printed = bc.report(own, own.parent / "x.html", pdf=True)
     assert printed.read_bytes().startswith(b"%PDF")
     assert page.is_file()
+    monkeypatch.setattr(build, "pdf_of", lambda *_: b"%PDF again")
     assert bc.report(own, page, pdf=True) == (page, printed)  # a PDF of bayescal may be replaced
 
 
