@@ -57,14 +57,13 @@ def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=
 
 def test_tests_of_a_correct_model_fail_as_often_as_stated():
     """Each figure has its probability, and all of them together the level."""
-    sessions, p, failed, lost = 600, {}, 0, 0
+    sessions, p, failed, lost = 300, {}, 0, 0
     for k in range(sessions):
         rng = np.random.default_rng(k)
         v = checked(rng, draws=400)
         found = acceptance(replace(SOUND, p_value=rng.uniform()), v)
         failed += not found.explains
-        contacts = [acceptance(SOUND, v, causes).checks[1].value for causes in ((), (CAUSE,))]
-        lost += contacts[0] != contacts[1]  # with a cause, no row is an outlier
+        lost += found.checks[1].value != acceptance(SOUND, v, (CAUSE,)).checks[1].value  # none is an outlier
         for c in found.checks:
             p.setdefault(c.test, []).append(c.p_value)
     assert len(p) == 4
@@ -161,10 +160,10 @@ def some_groups(count=60):
 
 def test_rejections_at_random_share_nothing():
     every, rows, found = some_groups(), np.arange(60), 0
-    for seed in range(250):
+    for seed in range(120):
         rejected = np.isin(rows, np.random.default_rng(seed).choice(rows, 4 + seed % 20, replace=False))
         found += bool(shared(every, rows, rejected, seed))
-    assert found <= most(250, LEVEL_SHARED)
+    assert found <= most(120, LEVEL_SHARED)
 
 
 def test_kinds_share_the_margin_and_groups_of_a_kind_do_not_lose_it():
@@ -211,15 +210,16 @@ def test_a_true_outlier_in_a_wider_group_of_the_same_rows_stays_one():
 
 
 def test_permutations_in_parts_give_the_same_probabilities(groups, monkeypatch):
-    rejected = np.isin(np.arange(300), np.arange(40, 300, 13))
-    whole = shared(*groups, rejected)
+    some, rows = groups
+    rejected = np.isin(rows, np.arange(40, 300, 13))
+    whole = shared(some, rows, rejected)
     monkeypatch.setattr(shared_causes_module, "LEVEL", 1.0)
-    every = shared(*groups, rejected)
-    monkeypatch.setattr(shared_causes_module, "MOST_VALUES", 7 * len(groups[0]))
+    every = shared(some, rows, rejected)
+    monkeypatch.setattr(shared_causes_module, "MOST_VALUES", 7 * len(some))
     assert every
-    assert [c.p_value for c in shared(*groups, rejected)] == [c.p_value for c in every]
+    assert [c.p_value for c in shared(some, rows, rejected)] == [c.p_value for c in every]
     monkeypatch.undo()
-    assert shared(*groups, rejected) == whole
+    assert shared(some, rows, rejected) == whole
 
 
 def test_groups_of_a_large_session_stay_affordable(session, monkeypatch):
@@ -348,7 +348,7 @@ def test_the_probability_of_conformance_is_that_of_drawn_errors(error, dof):
 
 @pytest.fixture(scope="module")
 def good() -> Dataset:
-    return bc.simulate(contacts=100, later=8, repeats=5, spheres=2, placements=1, seed=1).dataset
+    return bc.simulate(contacts=70, later=8, repeats=5, spheres=2, placements=1, seed=1).dataset
 
 
 def of_tools(dataset: Dataset, field: str, factor: float) -> Dataset:
@@ -424,15 +424,17 @@ def test_without_certified_lengths_there_is_no_factor(good):
 
 
 @foreign.needs()
-@pytest.mark.parametrize("name", ["real/motoman-planes", "real/panda-ball-socket-4", "worlds-dev/004"])
+@pytest.mark.parametrize("name", ["real/motoman-planes", "real/panda-ball-socket-4"])
 def test_no_false_alarm(name):
     found = judged(read_dataset(foreign.DATA / name))
     assert found is not None
     assert not list(mistaken(found))
 
 
-def test_a_fit_that_fails_names_it(good):
-    assert bc.fit(of_tools(good, "ball_radius", 2.0), samples=0).data.findings[0].code == "gross_mistake"
+def test_a_fit_that_fails_names_it(good, monkeypatch):
+    monkeypatch.setattr("bayescal.calibration.judged", judged)
+    wrong = of_tools(good, "ball_radius", 2.0)
+    assert fit(wrong, ("geometry",), samples=0).findings[0].code == "gross_mistake"
 
 
 @pytest.mark.parametrize(("count", "shortest"), [(96, 6), (100, 7), (40, 20)])

@@ -38,7 +38,7 @@ def fitted(usual_draws):
     """Without the compliance of the arm, so that there is a discrepancy and an unexplained error."""
     # noise of contacts and of joint readings, spheres, and an effect that the model lacks
     session = simulate(
-        Options(effects=MODEL, contacts=110, later=10, repeats=5, spheres=3, placements=2, joint_noise=2e-5,
+        Options(effects=MODEL, contacts=80, later=10, repeats=5, spheres=3, placements=2, joint_noise=2e-5,
                 seed=1)
     ).dataset  # fmt: skip
     return fit(session, ("geometry",), FitOptions(seed=1), samples=2500)
@@ -323,7 +323,7 @@ def test_readings_of_an_instrument(tracker):
 
 # --- `bayescal budget` on run folders: the numbers of the fit, without a new fit.
 
-OPTIONS = {"contacts": 90, "later": 10, "repeats": 5, "spheres": 2, "placements": 1, "seed": 1}
+OPTIONS = {"contacts": 60, "later": 10, "repeats": 5, "spheres": 2, "placements": 1, "seed": 1}
 COMMAND_READINGS = np.array([10.0, 20.0, -30.0, 40.0, 50.0, 60.0])
 
 

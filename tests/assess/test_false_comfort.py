@@ -66,10 +66,10 @@ def test_evidence_of_differing_noise_is_the_integral_over_the_noise_of_each_targ
 
 
 CASES = {
-    "good": (lambda cube: cube(seed=6, count=120).dataset, set()),
-    "bulging": (lambda cube: bulging(cube(seed=6, count=120).dataset, 60e-6), {"form"}),
-    "scaled": (lambda cube: scaled(cube(seed=6, count=120).dataset, 1.011), {"scale"}),
-    "along y": (lambda cube: on_faces(cube(seed=6, count=120).dataset, "cube.+y", "cube.-y"), {"directions"}),
+    "good": (lambda cube: cube(seed=6, count=90).dataset, set()),
+    "bulging": (lambda cube: bulging(cube(seed=6, count=90).dataset, 60e-6), {"form"}),
+    "scaled": (lambda cube: scaled(cube(seed=6, count=90).dataset, 1.011), {"scale"}),
+    "along y": (lambda cube: on_faces(cube(seed=6, count=90).dataset, "cube.+y", "cube.-y"), {"directions"}),
     "too few": (lambda cube: cube(seed=6, count=24).dataset, {"prior", "contrast"}),
 }
 
@@ -118,10 +118,10 @@ def test_the_forecast_holds_the_truth(cube, faces):
     """True distances of the true arm: as far off as predicted, with faces all round and with two alone."""
     ratios = []
     for seed in range(1, 4):
-        session = cube(seed=seed, count=120)
+        session = cube(seed=seed, count=80)
         found = fit(on_faces(session.dataset, *faces), FULL, samples=0)
         scene, m = found.final.estimate.model.scene, session.dataset.measurements
-        rows = np.arange(0, 120, 3)
+        rows = np.arange(0, 80, 2)
         model = found.final.estimate.model
         values = model.deviations(found.final.estimate.z[model.slices["arm"]])
         told = model.motion(rows).points(values).T
