@@ -41,17 +41,17 @@ def distances(points: np.ndarray) -> np.ndarray:
 def made(tracker):
     """A true arm, the session that it leaves behind, the arm that is fitted to it, and further readings."""
     seed = 1
-    base = tracker(seed=seed, count=100)
+    base = tracker(seed=seed, count=70)
     shape = true_arms.draw(np.random.default_rng(seed))
     drawn = true_arms.nominal()  # masses as stated: else compliances contain them
     stated = ("mass", "com", "tool_mass", "tool_com")
     body = true_arms.Arm(replace(shape, **{name: getattr(drawn, name) for name in stated}))
     rng, m = np.random.default_rng(seed), base.dataset.measurements
-    payload = np.where(np.arange(100) % 2, 0.0, 1.0)
+    payload = np.where(np.arange(70) % 2, 0.0, 1.0)
     read = in_tracker(base, stands(body, m.readings, payload))
     table = replace(m, xyz=read + NOISE * rng.standard_normal(read.shape), payload=payload)
     arm = of_fit(fit(replace(base.dataset, measurements=table), samples=0))
-    inside = m.readings[rng.choice(100, 40)] + rng.uniform(-0.05, 0.05, (40, 6))
+    inside = m.readings[rng.choice(70, 40)] + rng.uniform(-0.05, 0.05, (40, 6))
     return SimpleNamespace(body=body, base=base, arm=arm, inside=inside)
 
 

@@ -17,7 +17,7 @@ CHAIN = "left_flange..right_flange"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("two")
-    for name, text in two_arms.make(7, 90, 12, seats=True)[0].items():
+    for name, text in two_arms.make(7, 70, 10, seats=True)[0].items():
         (path / name).write_text(text)
     return path
 
@@ -38,7 +38,7 @@ def test_geometry_and_compliance_of_both_arms_explain_the_contacts(run):
     assert max(f["calibrated_rms_um"] for f in planes) < 20 < min(f["nominal_rms_um"] for f in planes)
 
 
-@pytest.mark.parametrize(("to", "into"), [("mjcf", ""), ("urdf", ""), ("urdf", f"#{CHAIN}")])
+@pytest.mark.parametrize(("to", "into"), [("mjcf", ""), ("urdf", f"#{CHAIN}")])
 def test_a_simulator_has_the_arms_of_a_file(run, folder, tmp_path, to, into):
     _, path = run
     written = tmp_path / f"arms.{to}"

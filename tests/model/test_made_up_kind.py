@@ -135,11 +135,11 @@ def artefact_session(cube):
     rng, pieces = np.random.default_rng(2), []
     true = PLATE + U * rng.normal(size=PLATE.shape)
     for place, (middle, rpy, held) in enumerate(
-        (([0.38, -0.1, 0.25], [0.1, 0.2, 0.3], 0), ([0.42, 0.0, 0.35], [-0.3, 0.5, 1.0], 16))
+        (([0.38, -0.1, 0.25], [0.1, 0.2, 0.3], 0), ([0.42, 0.0, 0.35], [-0.3, 0.5, 1.0], 12))
     ):
         for k, centre in enumerate(true @ rpy_matrix(np.array(rpy)).T + middle):
             nominal = centre + np.array([1e-3, -2e-3, 1e-3])
-            pieces.append(cone(f"{'abcde'[k]}@{place}", nominal, centre - nominal, count=16, held=held))
+            pieces.append(cone(f"{'abcde'[k]}@{place}", nominal, centre - nominal, count=12, held=held))
     found = of_pieces(cube(seed=9), pieces, planes=False, seed=4)
     whole = artefact(tuple(p.target.name for p in pieces), ("0",) * 5 + ("1",) * 5, (*range(5), *range(5)))
     found.dataset = replace(found.dataset, certificates=(whole, *distances_of(whole)))

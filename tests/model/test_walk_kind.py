@@ -77,8 +77,8 @@ def declared(made_up, monkeypatch):
 def written(made_up, cube, folder):
     """A session on a cube and of the gauge, whose height is not the nominal one: its folder, and as read."""
     true = made_up.build(replace(GAUGE, values={"direction": UP, "height": HEIGHT + OFF}), None)
-    piece = Piece(GAUGE, true, count=40, held=8, about=MIDDLE)
-    made = of_pieces(cube(seed=3, count=50), [piece], seed=1).dataset
+    piece = Piece(GAUGE, true, count=32, held=8, about=MIDDLE)
+    made = of_pieces(cube(seed=3, count=40), [piece], seed=1).dataset
     made = replace(made, plan=PlanSettings(regions={"gauge": Patch(CENTRE, SIZE)}))
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(KINDS, made_up.name, made_up)

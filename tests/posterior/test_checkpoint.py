@@ -203,12 +203,11 @@ def test_another_density_at_the_same_points_is_seen(monkeypatch, fitted, kept):
     assert same(draws, sample(fitted, **OPTIONS))
 
 
-@pytest.mark.parametrize("place", [0.5, 0.9])
-def test_a_damaged_file_is_not_used(monkeypatch, fitted, plain, kept, place):
+def test_a_damaged_file_is_not_used(monkeypatch, fitted, plain, kept):
     checkpoint, said = kept
     interrupted(monkeypatch, fitted, checkpoint, 25)
     content = bytearray(checkpoint.path.read_bytes())
-    content[int(place * len(content))] ^= 1
+    content[int(0.9 * len(content))] ^= 1
     checkpoint.path.write_bytes(content)
     draws, _ = computed(monkeypatch, fitted, checkpoint)
     assert same(draws, plain)

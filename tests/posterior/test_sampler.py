@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from arviz_line import arviz_ess, arviz_rhat, az
 from cases import refused
-from sessions import little, with_columns
+from sessions import validating, with_columns
 
 import bayescal.calibration as calibration
 import bayescal.reporting.fit.files as fit_posterior
@@ -349,15 +349,15 @@ def test_groups_of_a_record_are_those_of_the_model(records):
     assert set(data["observed_data"].data_vars) <= set(data["posterior_predictive"].data_vars)
 
 
-def test_many_validation_rows_have_fewer_draws(monkeypatch, usual_draws):
-    dataset = little().dataset
+def test_many_validation_rows_have_fewer_draws(monkeypatch, cube):
+    dataset = validating(cube(seed=4, count=60).dataset, 3)
     assert calibration.predicted_draws(dataset) == calibration.VALIDATION_DRAWS
     rows = int(np.sum(dataset.measurements.role == "validate"))
-    monkeypatch.setattr(calibration, "MOST_PREDICTED", 800 * rows)
+    monkeypatch.setattr(calibration, "MOST_PREDICTED", 440 * rows)
     found = calibration.fit(dataset, ("geometry",), FitOptions(robust=False), samples=0)
-    assert {len(p.predicted) for level in found.levels for p in level.validation.planes} == {800}
+    assert {len(p.predicted) for level in found.levels for p in level.validation.planes} == {440}
     shapes = {values.shape[:2] for _, values in fit_draws(found).arrays("posterior_predictive").values()}
-    assert shapes == {(4, 200)}
+    assert shapes == {(4, 110)}
 
 
 def test_a_large_session_keeps_fewer_predictions(cube, monkeypatch, tmp_path):

@@ -138,8 +138,7 @@ def restated(found, off=(0.0, 0.0, 0.0)):
     return replace(found, model=replace(found.model, scene=scene))
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (1, -1.0), (2, -1.0), (2, 1.0)])
 def test_a_sphere_stated_30_mm_off_is_located(example, axis, sign):
     """With no certified diameter: distances, and what is predicted of them, are as with its true place."""
     h = crossvalidation.validation_errors(restated(example, sign * 0.03 * np.eye(3)[axis])).distances
