@@ -41,7 +41,16 @@ from bayescal.simulation import Options, simulate
 from bayescal.statistics import spawned
 
 FULL = ("geometry", "compliance")
+LEVELS_OF = calibration.levels_of
 FULL_RANGE = "in poses over most of the range of"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_level():
+    """Fits without simpler levels, which are tested in `test_fit`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "levels_of", lambda effects: (effects,))
+        yield
 
 
 def on_faces(session, *faces):
@@ -86,7 +95,7 @@ def clusters(lrmate):
 
 
 CASES = {
-    "one plane": (lambda cube, *_: on_faces(cube(seed=3, count=400).dataset, "cube.+z"), "a1", "directions",
+    "one plane": (lambda cube, *_: on_faces(cube(seed=3, count=150).dataset, "cube.+z"), "a1", "directions",
                   "all measurements look along z of the base"),
     "one pose": (lambda cube, *_: one_pose(cube), "theta3", "poses", "all measurements have one pose"),
     "no certificate": (lambda cube, *_: replace(cube(seed=3, count=150).dataset, certificates=()), "a2",
@@ -233,7 +242,7 @@ def test_a_budget_that_priors_decide_says_so(twelve, cube):
 @pytest.mark.parametrize(("noise", "wild"), [(1e-6, False), (2e-3, True)])
 def test_a_tiny_stated_noise_is_no_sign_of_a_wrong_file(cube, noise, wild):
     """'residuals of 0.0 mm, far more than any small error of an arm', of 1 µm at a stated noise of 1 nm."""
-    session = cube(seed=3, count=120, noise=noise, stated=1e-9 if not wild else 5e-6).dataset
+    session = cube(seed=3, count=70, noise=noise, stated=1e-9 if not wild else 5e-6).dataset
     assert ("wrong_files" in {f.code for f in fit(session, FULL, samples=0).findings}) == wild
 
 
@@ -253,8 +262,9 @@ def first(session, count):
     return with_columns(session, role=role)
 
 
-def test_targets_may_be_known(cube):
+def test_targets_may_be_known(cube, monkeypatch):
     """`u_mm: 0` of the contract; with all planes known the nominal model has no unknown at all."""
+    monkeypatch.setattr(calibration, "levels_of", LEVELS_OF)
     found = fit(with_targets(cube(seed=2, count=80).dataset, u=0.0, u_angle=0.0), ("geometry",), samples=0)
     assert np.all(np.isfinite(found.final.estimate.sd))
     nominal, last = (level.unexplained.fitted for level in (found.levels[0], found.levels[-1]))
@@ -363,7 +373,7 @@ def test_a_direction_of_many_parameters_alike_names_the_first():
 
 # --- Several sessions on the command line: one fit, one diagnosis, and whether they agree.
 
-LITTLE = {"contacts": 54, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
+LITTLE = {"contacts": 54, "later": 8, "repeats": 3, "spheres": 0}
 QUICK = ("--samples", "0", "--no-pictures")
 
 

@@ -159,6 +159,7 @@ def test_summary_reads_in_ten_seconds(written):
 ])  # fmt: skip
 def test_bad_input_is_one_line(arguments, words, tmp_path, error_of, monkeypatch):
     """What is wrong in a model is said before any level is fitted."""
+    monkeypatch.setattr("bayescal.calibration.levels_of", lambda effects: (effects,))
     if "--model" in arguments:
         monkeypatch.setattr("bayescal.calibration.fitted_level", lambda *_: pytest.fail("a level was fitted"))
     assert words in error_of("fit", *arguments, "--samples", "0", "--out", tmp_path / "out")
@@ -267,8 +268,9 @@ def test_excess_over_repeats_is_told(cube):
 
 
 @foreign.needs()
-def test_simulated_session_of_another_author():
+def test_simulated_session_of_another_author(monkeypatch):
     """Another simulator's arm: distances as small as its own fair floor allows."""
+    monkeypatch.setattr("bayescal.calibration.levels_of", lambda effects: (effects,))
     name = "000"
     truth = json.loads((foreign.WORLDS / "truth" / f"{name}.json").read_text())
     found = fit(read_dataset(foreign.WORLDS / name), FULL, samples=0)
@@ -286,7 +288,7 @@ SCALES = np.array([1e-4, -8e-5, 1.2e-4, 6e-5, -1e-4, 5e-5])
 @pytest.fixture(scope="module")
 def split(cube):
     """Contacts of an arm with errors, a quarter of them validation measurements."""
-    return validating(cube(seed=11, count=160).dataset, 4)
+    return validating(cube(seed=11, count=100).dataset, 4)
 
 
 def test_every_level_reduces_validation_errors(split):
@@ -370,11 +372,11 @@ def printed(found, width: int, verbose: bool = False) -> str:
 def fits(cube, tracker):
     made = {
         "faces": fit(
-            validating(cube(seed=6, count=160).dataset, 4), FULL, FitOptions(tolerance=2e-5), samples=0
+            validating(cube(seed=6, count=80).dataset, 4), FULL, FitOptions(tolerance=2e-5), samples=0
         ),
-        "tracker": fit(validating(tracker(seed=2, count=90).dataset, 4), FULL, samples=0),
+        "tracker": fit(validating(tracker(seed=2, count=60).dataset, 4), FULL, samples=0),
         "long names": fit(
-            cube(seed=6, count=120).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
+            cube(seed=6, count=70).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
         ),
     }
     return made
