@@ -24,12 +24,19 @@ def drawn_here(monkeypatch):
     return calls
 
 
-def test_a_process_that_failed_is_replaced(ready, monkeypatch):
+def test_a_process_that_was_killed_is_replaced(ready, monkeypatch):
     calls = drawn_here(monkeypatch)
     with process.drawing_beside():
         (second,) = active_children()
         second.kill()
         assert process.begun({"schema": FIT})() == {"a.png": b"here"}
+    assert len(calls) == 1
+
+
+def test_a_process_that_fails_is_replaced(ready, monkeypatch):
+    calls = drawn_here(monkeypatch)
+    with process.drawing_beside():
+        assert process.begun({"schema": "of nothing"})() == {"a.png": b"here"}
     assert len(calls) == 1
 
 
