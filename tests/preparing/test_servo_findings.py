@@ -2,13 +2,17 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 from cases import refused
-from joint_logs import made, written
+from joint_logs import made as whole
+from joint_logs import written
 
 import bayescal as bc
+
+made = partial(whole, length=5.0)
 
 
 def found(folder, code, **options):
@@ -53,7 +57,7 @@ def test_a_motion_of_another_zero(tmp_path, degrees, words):
 
 def resting(seed, time):
     """Three poses with rests."""
-    pose = np.array([[0.0, 0.2], [0.5, -0.3], [-0.4, 0.4]])[np.minimum((time / 3.6).astype(int), 2)]
+    pose = np.array([[0.0, 0.2], [0.5, -0.3], [-0.4, 0.4]])[np.minimum((time / 1.7).astype(int), 2)]
     kernel = np.ones(101) / 101
     return np.column_stack([np.convolve(np.pad(p, 50, mode="edge"), kernel, "valid") for p in pose.T])
 

@@ -28,7 +28,7 @@ from bayescal.verifying.simulator import TOGETHER, Level, limit
 def run(tmp_path_factory) -> Path:
     """A fitted session and its MJCF file."""
     folder = tmp_path_factory.mktemp("run")
-    session = bc.simulate(contacts=80, later=12, repeats=5, spheres=2, placements=2, seed=3)
+    session = bc.simulate(contacts=50, later=12, repeats=3, spheres=2, placements=1, seed=3)
     bc.fit(session, samples=0).save(folder / "fit", pictures=False)
     bc.export(folder / "fit", "mjcf").save(folder / "arm.xml")
     return folder
@@ -276,7 +276,7 @@ def test_errors_that_a_fit_reports_are_those_of_its_first_and_last_level(tmp_pat
 
 def test_errors_of_points_are_the_lengths_that_the_run_states(tmp_path):
     """As in the summary of the fit: of the error vector, not of its coordinates."""
-    session = tracker().dataset
+    session = tracker(count=40).dataset
     role = np.where(np.arange(len(session.measurements.ids)) % 5, "calibrate", "validate")
     found = bc.fit(replace(session, measurements=replace(session.measurements, role=role)), samples=0)
     found.save(tmp_path / "fit", False)
@@ -292,7 +292,7 @@ def test_errors_of_points_are_the_lengths_that_the_run_states(tmp_path):
 
 def test_images_are_not_replayed(tmp_path):
     """They ended in a traceback: a simulator's TCP position is no pose of the board."""
-    bc.fit(camera_session(images=10, validate=2), samples=0).save(tmp_path / "fit", False)
+    bc.fit(camera_session(images=6, validate=1), samples=0).save(tmp_path / "fit", False)
     bc.export(tmp_path / "fit", "mjcf", force=True).save(tmp_path / "arm.xml")
     result = bc.verify(tmp_path / "fit", tmp_path / "arm.xml")
     assert result.record["measured"] is None
