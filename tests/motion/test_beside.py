@@ -30,6 +30,11 @@ def pool(null_estimate):
     return Pool.of(null_estimate)
 
 
+@pytest.fixture(scope="module")
+def null_bank(pool):
+    return bank_of(pool)
+
+
 def with_error(pool, error):
     """The pool with an error (M, C) of each part, a function of its signals, in the residuals."""
     parts = tuple(replace(p, residual=p.residual + error(p)) for p in pool.table.parts)
@@ -54,15 +59,15 @@ def best_products(pool, count=3):
     return [(p.form.site, p.form.driver) for p, _ in ranked[:count]], ranked[0][1]
 
 
-def test_in_a_null_log_general_functions_gain_little(pool):
-    (gains,) = bank_of(pool).gains([search_of(pool).fit()])
+def test_in_a_null_log_general_functions_gain_little(pool, null_bank):
+    (gains,) = null_bank.gains([search_of(pool).fit()])
     nats = np.array([value for _, value in gains])
     assert len(nats) > 500
     assert np.log(np.mean(np.exp(nats))) < 1.0
 
 
-def test_gains_beside_several_fits_are_those_beside_each(pool):
-    bank, search = bank_of(pool), search_of(pool)
+def test_gains_beside_several_fits_are_those_beside_each(pool, null_bank):
+    bank, search = null_bank, search_of(pool)
     members = [Member(form, 1.0) for form, _ in search.forms[:2]]
     fits = [search.fit(members), search.fit(members[:1]), search.fit(members[1:])]
     apart = [bank.gains([fit])[0] for fit in fits]
@@ -193,7 +198,7 @@ def test_a_wave_in_proportion_to_a_response_is_found_and_explained(null_estimate
     assert nats > 50.0
 
 
-def test_events_are_found_where_they_are(pool, monkeypatch):
+def test_events_are_found_where_they_are(pool, null_bank, monkeypatch):
     where = {}
 
     def error(part):
@@ -217,7 +222,7 @@ def test_events_are_found_where_they_are(pool, monkeypatch):
         if part.signals.role == CALIBRATE:
             begins = part.signals.kept(part.signals.time)[np.argmax(np.max(np.abs(x[2]()), axis=1) > 0.1)]
             assert begins == pytest.approx(where[part.signals.name], abs=0.15)
-    assert not list(causes.events(bank_of(pool), search_of(pool).fit()))
+    assert not list(causes.events(null_bank, search_of(pool).fit()))
     # in a slow log a short pulse is like a wrong reading
     monkeypatch.setattr(causes, "EVENTS", replace(EVENTS, samples=1.01 / pool.table.parts[0].signals.step))
     assert not list(causes.events(bank_of(changed), search_of(changed).fit()))
