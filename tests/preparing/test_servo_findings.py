@@ -86,7 +86,7 @@ WRONG = {
 @pytest.mark.parametrize("words", WRONG)
 def test_positions_that_do_not_follow_their_commands(tmp_path, words):
     """Servos are refused; of a log with torques the check says so. One motion is shorter than the delay."""
-    log, names = made(lag=0.04), ("command1_deg", "command2_deg")
+    log, names = whole(lag=0.04), ("command1_deg", "command2_deg")
     log.columns |= dict(zip(names, WRONG[words](*(log.columns[name] for name in names)), strict=True))
     rows = np.setdiff1d(np.arange(len(log.motion)), log.of(7)[60:])
     log.columns = {name: x[rows] for name, x in log.columns.items()}
