@@ -45,24 +45,22 @@ class Scatter:
     In rad; in m of an arm that only slides.
     """
 
-    u: float  # of the readings; over the noise of a corner, of errors of the image itself
+    u: float  # of the readings
     prior_u: float  # of the readings: stated, or that of the steps in which they are written
     nats: float
     unit: str = "rad"
-    power: int | None = None  # of errors of the image itself: that of the place in it up to which they go
+    field: float = 0.0  # of errors of the image itself, over the noise of a corner
+    power: int = 0  # of the place in the image, up to which these go
 
     @property
     def words(self) -> str:
         """The uncertainty, beside what is known of it."""
-        if self.power is not None:
-            of = ("the same for all corners", "linear in their place", "smooth over its corners")[self.power]
-            return f"every image has an error of its own, {of}"
         by, unit = (np.degrees(1.0), "deg") if self.unit == "rad" else (1e3, "mm")
         prior_words = f"{by * self.prior_u:.2g} known" if self.prior_u > NONE * self.u else "none known"
-        return (
-            f"every image has an error of its own, as of readings with an uncertainty of {by * self.u:.2g} "
-            f"{unit} ({prior_words})"
-        )
+        readings = f"as of readings with an uncertainty of {by * self.u:.2g} {unit} ({prior_words})"
+        of = ("the same for all corners", "linear in their place", "smooth over its corners")[self.power]
+        each = [of] * (self.field > 0.0) + [readings] * (self.u > self.prior_u or not self.field)
+        return f"every image has an error of its own, {' and '.join(each)}"
 
     @property
     def beyond(self) -> bool:
@@ -97,27 +95,42 @@ def scatter_of(fitted: Estimate) -> Scatter | None:
         near = slice(best - 1, best + 2)
         u = float(np.exp(_top(np.log(tried[near]), nats[near])))
         most = evidence(u)
-    if most - nats[0] > LEAST:
-        slides = scene.dataset.robot.slides.all()
-        readings = Scatter(u, prior_u, most - float(nats[0]), "m" if slides else "rad")
-        every = [readings, *_of_images(fitted, evaluations, prior_u, float(nats[0]))]
-        return max(every, key=lambda s: s.nats)
-    return Scatter(prior_u, prior_u, 0.0) if nats[0] - plain > LEAST else None
+    if most - nats[0] <= LEAST:
+        u, most = prior_u, float(nats[0])
+    readings = Scatter(u, prior_u, most - float(nats[0]), "m" if scene.dataset.robot.slides.all() else "rad")
+    every = [readings, *_of_images(fitted, by, evaluations, readings)]
+    # those of images beside those of readings are a further error
+    leading = max(every, key=lambda s: s.nats - LEAST * (s.field > 0.0 and s.u > s.prior_u))
+    return leading if leading.beyond or nats[0] - plain > LEAST else None
 
 
-def _of_images(fitted: Estimate, evaluations: Evaluations, prior_u: float, nats: float) -> Iterator[Scatter]:
-    """Errors of images themselves, of each power, with the evidence beyond that of the readings, `nats`."""
+def _of_images(
+    fitted: Estimate, by: Mapping[str, Shared], evaluations: Evaluations, readings: Scatter
+) -> Iterator[Scatter]:
+    """Errors of images themselves beside those of their readings, of each power, with the evidence of both.
+
+    `by` are the slopes of the residuals of each block by the readings.
+    """
     scene = fitted.model.scene
+    every = [(readings.u, readings.nats)]
+    every += [(readings.prior_u, 0.0)] * (readings.u > readings.prior_u)  # else they stand for these errors
     for power in range(POWERS):
-        by = {b.name: of_images(scene, b, power) for b in fitted.model.blocks}
-        readings = scene.dataset.measurements.readings
-        shared = {b.name: Shared.of(by[b.name], readings[b.rows]) for b in fitted.model.blocks}
-        each = np.array([_log_evidence(fitted, shared, evaluations, u) for u in FIELDS])
-        best = min(max(int(np.argmax(each)), 1), len(FIELDS) - 2)
-        near = slice(best - 1, best + 2)
-        u = float(np.exp(_top(np.log(FIELDS[near]), each[near])))
-        if each[best] == np.max(each):
-            yield Scatter(u, prior_u, float(_log_evidence(fitted, shared, evaluations, u) - nats), "", power)
+        fields = {b.name: of_images(scene, b, power) for b in fitted.model.blocks}
+        for u, nats in every:
+
+            def both(field: float, u: float = u, fields: Mapping[str, np.ndarray] = fields) -> float:
+                shared = {
+                    name: replace(s, by=np.hstack([u * s.by, field * fields[name]])) for name, s in by.items()
+                }
+                return _log_evidence(fitted, shared, evaluations, 1.0)
+
+            least = both(0.0) - nats
+            each = np.array([both(field) for field in FIELDS])
+            best = min(max(int(np.argmax(each)), 1), len(FIELDS) - 2)
+            near = slice(best - 1, best + 2)
+            if each[best] == np.max(each):
+                field = float(np.exp(_top(np.log(FIELDS[near]), each[near])))
+                yield replace(readings, u=u, nats=both(field) - least, field=field, power=power)
 
 
 def _step(scene: Scene) -> float:
@@ -137,9 +150,9 @@ def with_scatter(scene: Scene, scatter: Scatter) -> Scene:
     """The scene whose readings have these errors; those of prismatic joints in the stated proportion."""
     noise, (stated, share) = scene.dataset.noise, scene.dataset.reading_noise
     slides = scene.dataset.robot.slides
-    if scatter.power is not None:
-        noise = replace(noise, joint=scatter.prior_u, field=scatter.u, power=scatter.power)
-    elif slides.all():
+    if scatter.field:
+        noise = replace(noise, field=scatter.field, power=scatter.power)
+    if slides.all():
         noise = replace(noise, slide=scatter.u)
     else:
         slide = scatter.u * float(np.max(share[slides])) if stated and slides.any() else noise.slide
@@ -170,7 +183,7 @@ def scattered(
             break
         scene = with_scatter(scene, more)
         base = fitted(scene)
-        scatter = replace(scatter, u=more.u)
+        scatter = replace(more, prior_u=scatter.prior_u, nats=max(scatter.nats, more.nats))
         more = scatter_of(base[0]) if scatter.beyond else None
     return scene, base, scatter
 

@@ -70,7 +70,8 @@ class Examined:
 def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further: bool = False) -> Examined:
     """Fit a baseline at the deflected pose of the arm, and evaluate all effects that it lacks.
 
-    Errors that every image has anew are scatter only where no effect explains what the images share.
+    Errors that every image has anew are scatter only where no effect explains what the images share, and no
+    unmodelled one explains it with more evidence.
 
     Parameters
     ----------
@@ -87,12 +88,16 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
 
     _, base, scatter = scattered(scene, fitted, prior_only=True)
     examined = _of_baseline(base, further)
-    if scatter is None or not scatter.beyond or examined.decision.kind != "null":
+    if scatter is None or not scatter.beyond:
+        return examined
+    decision = examined.decision
+    less = decision.kind == "unknown" and decision.weighed[0].log_evidence < scatter.nats
+    if decision.kind != "null" and not less:
         return examined
     _, base, scatter = scattered(scene, fitted)
     weighed = _of_baseline(base, further)
     # errors of another form than those of readings leave what looks like an effect
-    return replace(weighed if weighed.decision.kind == "null" else examined, scatter=scatter)
+    return replace(weighed if less or weighed.decision.kind == "null" else examined, scatter=scatter)
 
 
 def _of_baseline(base: tuple[Estimate, FitOptions, tuple[Width, ...]], further: bool) -> Examined:

@@ -74,9 +74,9 @@ def test_a_fit_weighs_images_by_them_and_says_so(step, verdict):
     assert np.mean(np.abs(off) < 1.96) > 0.85
 
 
-def smoothly(size, power):
+def smoothly(size, power, session=None):
     """A session, and the same with an error of each image: polynomials of the place of a corner, px."""
-    session = images(6)
+    session = session or images(6)
     m, rng = session.measurements, np.random.default_rng(power)
     pixel = m.pixel.copy()
     for reading in np.unique(m.readings, axis=0):
@@ -94,13 +94,24 @@ def test_errors_of_images_themselves_are_not_those_of_readings(power):
     size, (session, wrong) = 0.3, smoothly(0.3, power)
     found = told(wrong)
     assert found.power == power
-    assert found.u == pytest.approx(size / session.noise.pixel, rel=0.3)
+    assert found.field == pytest.approx(size / session.noise.pixel, rel=0.3)
     weighed = with_scatter(Scene(wrong, oriented=True), found)
-    assert (weighed.dataset.noise.field, weighed.dataset.noise.joint) == (found.u, found.prior_u)
+    assert (weighed.dataset.noise.field, weighed.dataset.noise.joint) == (found.field, found.u)
     fitted = calibrated(weighed, ("geometry",))
     assert scatter_of(fitted) is None
     assert fitted.weights.scale["pixel"] == pytest.approx(1.0, abs=0.15)
     assert "every image has an error of its own" in found.words
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_errors_of_images_are_found_beside_those_of_readings(known):
+    size, (session, wrong) = 0.1, smoothly(0.1, 1, misread(images(5), 5))
+    found = told(wrong if known else unstated(wrong))
+    assert (found.power, found.beyond) == (1, True)
+    assert found.field == pytest.approx(size / session.noise.pixel, rel=0.4)
+    assert found.u == pytest.approx(STEP, rel=0.35)
+    assert ("readings" in found.words) is not known
+    assert told(session) is None
 
 
 def test_a_run_folder_keeps_errors_of_images(tmp_path):
@@ -118,5 +129,5 @@ def test_errors_of_readings_stand_where_those_of_images_have_no_size(monkeypatch
     """Evidence that grows to the end of the sizes that are tried tells none."""
     monkeypatch.setattr("bayescal.estimate.scatter.FIELDS", np.array([1e-4, 2e-4, 3e-4]))
     found = told(unstated(misread(images(1), 1)))
-    assert found.power is None
+    assert found.field == 0.0
     assert found.beyond

@@ -1,5 +1,8 @@
 """Errors of a lens and of the clock of images that no effect of the list has, by other formulas."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from camera_sessions import BOARD, CENTRE, FIXED, FOCAL, ON_FLANGE, SIZE, camera_session
@@ -7,9 +10,12 @@ from gap_problems import Bench
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.effects.location import CAMERA, TOOL, Driver
+from bayescal.estimate.scatter import Scatter
+from bayescal.gap import examine as examination
 from bayescal.gap.outcome.where import beside
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.makers import movers
+from bayescal.model import USUAL
 from bayescal.reporting.gap.causes import cause
 
 NOISE = 0.2  # px
@@ -83,3 +89,37 @@ def test_a_tool_yields_to_gravity_as_the_last_links_do(bench, number, sites):
     member = Member(variant, 1.0, 0.0)
     h = Search(bench.made_up(7, there), bench.known).hypothesis([member])
     assert beside(member, h, bench.known.pool, bench.circumstances, bench.slopes) == sites
+
+
+@pytest.mark.parametrize(
+    ("kind", "nats", "weighed", "used"),
+    [
+        ("null", 9.0, "null", "weighed"), ("null", 9.0, "unknown", "plain"), ("named", 90.0, "null", "plain"),
+        ("unknown", 9.0, "null", "plain"), ("unknown", 11.0, "null", "weighed"),
+        ("unknown", 11.0, "unknown", "weighed"), ("unknown", 4.0, "null", "plain"),
+    ],
+)  # fmt: skip
+def test_errors_of_images_stand_in_the_place_of_what_they_explain_better(
+    kind, nats, weighed, used, monkeypatch
+):
+    @dataclass(frozen=True)
+    class Examined:
+        name: str
+        decision: SimpleNamespace
+        scatter: Scatter | None = None
+
+    best = (SimpleNamespace(log_evidence=10.0),)
+    of = {
+        name: Examined(name, SimpleNamespace(kind=k, weighed=best))
+        for name, k in (("plain", kind), ("weighed", weighed))
+    }
+    found = Scatter(1e-4, 0.0, nats)
+
+    def scattered(*_, prior_only=False):
+        return None, "plain" if prior_only else "weighed", found
+
+    monkeypatch.setattr(examination, "scattered", scattered)
+    monkeypatch.setattr(examination, "_of_baseline", lambda base, further: of[base])
+    answer = examination.examine(None, ("geometry",), USUAL)
+    assert answer.name == used
+    assert answer.scatter == (found if used == "weighed" or (kind == "null" and nats > 5.0) else None)
