@@ -178,10 +178,12 @@ def contradiction(rows: Rows, coupling: np.ndarray, limits: np.ndarray) -> str:
 def _slopes(rows: Rows, turned: np.ndarray) -> list[float]:
     """Changes of other angles (N, n) over those of the positions, by joint; 1 of joints that do not move.
 
-    Of changes over `SPAN`, so that stamps may scatter, as those of reception do.
+    Of changes over `SPAN`, so that stamps may scatter, as those of reception do; none over missing rows.
     """
-    wide, position = max(round(SPAN / float(np.median(np.diff(rows.time)))), 1), rows.cells["position"]
-    same = rows.motion[wide:] == rows.motion[:-wide]
+    step, position = float(np.median(np.diff(rows.time))), rows.cells["position"]
+    wide = max(round(SPAN / step), 1)
+    took = rows.time[wide:] - rows.time[:-wide]
+    same = (rows.motion[wide:] == rows.motion[:-wide]) & (took < 2 * wide * step)
     moved, others = ((x[wide:] - x[:-wide])[same] for x in (position, turned))
     out = []
     for m, t in zip(moved.T, others.T, strict=True):

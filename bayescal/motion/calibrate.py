@@ -166,14 +166,18 @@ def nominal_values(start: Operating) -> dict[str, float]:
 
 
 def _withheld(estimate: Estimate, fit: Fit, start: Operating, final: Operating) -> tuple[Withheld, ...]:
-    """Torque errors of validation motions, with what noise and uncertain parameters let expect."""
+    """Torque errors of validation motions, with what noise and uncertain parameters let expect.
+
+    Of the rows that a fit uses: with any torque stiction holds a joint in the others.
+    """
     parts, log = of_role(estimate.parts, VALIDATE), estimate.parts[0].log
     if not parts:
         return ()
 
     def off(model: Operating, role: str) -> Iterator[tuple[Signals, np.ndarray]]:
         some = each(of_role(estimate.parts, role))
-        return ((s, s.unfiltered(model.measured(s) - model.shown(s))) for s in some)
+        errors = ((s, s.unfiltered(model.measured(s) - model.shown(s))) for s in some)
+        return ((s, np.where(s.unfiltered(s.free) > 0.0, x, np.nan)) for s, x in errors)
 
     def rms(model: Operating) -> np.ndarray:
         return root_mean_square(where_moving(x, s) for s, x in off(model, VALIDATE))

@@ -10,7 +10,7 @@ from sessions import with_columns
 
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import _poses
-from bayescal.effects.location import BASE, CONSTANT, PROBE, TOOL, Driver
+from bayescal.effects.location import BASE, CONSTANT, PROBE, TOOL, Driver, joint
 from bayescal.gap.result import CauseClass, Event
 from bayescal.reporting.gap import measured_as
 from bayescal.reporting.gap.causes import beside_base, event_record, when
@@ -57,6 +57,20 @@ def test_a_payload_is_not_said_to_vary():
     gap = gap_of(causes, camera_session(images=4))
     assert "varies with gravity of tool and payload" in _class(causes, gap)
     assert _separates(gap) == "measurements at the same poses with another known mass on the flange"
+
+
+def test_an_advice_that_distinguishes_other_causes_is_none_of_a_class():
+    causes = CauseClass(
+        (joint(2),), (Driver("angle", 2),), {"second-harmonic": 0.7, "eccentricity": 0.2, "hardening": 0.1}
+    )
+    gap = gap_of(causes, camera_session(images=4))
+    assert _separates(gap) == "measurements with other values of angle of J2"
+    others = SimpleNamespace(separates=("second-harmonic", "hardening"), what="a payload")
+    its = SimpleNamespace(separates=("eccentricity", "second-harmonic"), what="other angles")
+    gap.advice = (others,)
+    assert _separates(gap) == "measurements with other values of angle of J2"
+    gap.advice = (others, its)
+    assert _separates(gap) == "other angles"
 
 
 def test_a_constant_is_not_said_to_vary():

@@ -31,7 +31,7 @@ from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 from bayescal.importing.joint_formats import joint_order
 from bayescal.importing.joint_rows import Rows, repeats
-from bayescal.importing.joint_torques import misread
+from bayescal.importing.joint_torques import contradiction, misread
 from bayescal.logs import read_log
 from bayescal.motion.dynamics import regressor
 
@@ -726,3 +726,14 @@ def test_repeats_are_found_by_trajectory_not_by_length(s):
     scaled = s.position.copy()
     scaled[go[1]] = s.position[go[1]][0] + 1.05 * (s.position[go[1]] - s.position[go[1]][0])
     assert repeats(replace(rows, cells={"position": scaled})) == (1, 2, 3, 4, 5)
+
+
+def test_velocities_are_not_compared_with_positions_over_missing_rows():
+    time = np.arange(0.0, 20.0, 0.01)
+    time = time[(time < 4.0) | (time > 6.0)]
+    cells = {"position": np.sin(time)[:, None], "velocity": np.cos(time)[:, None]}
+    rows = Rows(time, np.ones(len(time), int), cells, ("1",), ("",))
+    free = np.array([[-9.0, 9.0]])
+    assert contradiction(rows, np.eye(1), free) == ""
+    half = replace(rows, cells=cells | {"velocity": 0.5 * cells["velocity"]})
+    assert "0.5 times" in contradiction(half, np.eye(1), free)

@@ -75,6 +75,18 @@ def test_the_length_of_a_vector_has_its_u_along_it():
     assert u == pytest.approx(np.std(np.linalg.norm(draws, axis=1)), rel=0.05)
 
 
+def test_a_headline_states_joints_whose_error_increases():
+    def said(after):
+        size = np.array([1.0, 0.0])
+        parts = [SimpleNamespace(log=SimpleNamespace(mechanism=SimpleNamespace(joint_names=("hip", "knee"))))]
+        shrinkage = SimpleNamespace(before=size, after=np.array(after))
+        gap = SimpleNamespace(estimate=SimpleNamespace(parts=parts), shrinkage=shrinkage)
+        return record._more(gap, record.UNIT, np.ones(2))
+
+    assert said([1.09, 9.0]) == ""
+    assert said([1.5, 0.0]) == "; the error of others increases (hip from 1 to 1.5 N m)"
+
+
 def test_names_explain_their_share_of_a_set_with_an_unknown_cause():
     def hypothesis(nats, *names):
         return SimpleNamespace(names=names, log_evidence=nats)

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 
 from bayescal.logs import read_log
 from bayescal.logs.types import CALIBRATE
+from bayescal.motion.calibrate import _withheld
 from bayescal.motion.diagnose import diagnose
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.estimate import estimated
@@ -187,6 +188,22 @@ def test_torques_of_stiction_are_no_effect(tmp_path, monkeypatch):
     assert best_gain(held) < 8.0  # of some hundred forms, before their prior
     every = replace(held, parts=tuple(s.changed(stuck=None) for s in held.parts))
     assert best_gain(every, free.noise) > 50.0
+
+
+def test_withheld_errors_are_of_rows_that_stiction_does_not_hold(tmp_path, monkeypatch):
+    """A fit leaves these out: no parameter explains them, and a cause would be looked for in vain."""
+
+    def also_before_rest(q, dq, ddq, tau, t, load):
+        own = 4.0 * stiction(q, 0.0 * dq, ddq, tau, t, load)
+        return np.where(np.abs(dq) < 0.05, own, 0.0)
+
+    monkeypatch.setattr(made, "path", pausing)
+    held = estimate_of(tmp_path / "held", also_before_rest)
+    every = replace(held, parts=tuple(s.changed(stuck=None) for s in held.parts))
+    fit = held.fit()
+    of_free, of_all = (_withheld(e, fit, e.model, e.model) for e in (held, every))
+    assert all(a.fitted > 1.5 * f.fitted for a, f in zip(of_all, of_free, strict=True))
+    assert all(w.fitted <= w.interval95[1] for w in of_free)
 
 
 def test_a_log_in_which_no_joint_moves_has_errors_of_all_rows(tmp_path, monkeypatch):

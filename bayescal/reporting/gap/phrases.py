@@ -234,10 +234,12 @@ def _separates(gap: Gap) -> str:
     assert causes is not None
     drivers = [d for d in causes.drivers if d != CONSTANT]
     leading = sorted(causes.members, key=lambda n: -causes.members[n])[:2]
-    if gap.advice and not (OTHER in leading and any(d.kind in CHANGED for d in drivers)):
-        return gap.advice[0].what
+    between = [a for a in gap.advice if OTHER in leading or set(leading) <= set(a.separates)]
+    if between and not (OTHER in leading and any(d.kind in CHANGED for d in drivers)):
+        return between[0].what
     others = listed(CHANGED.get(d.kind, f"other values of {d.text}") for d in drivers)
-    return f"measurements at the same poses with {others}" if others else "measurements at other poses"
+    same = "at the same poses " * all(d.kind in CHANGED for d in drivers)
+    return f"measurements {same}with {others}" if others else "measurements at other poses"
 
 
 def class_record(gap: Gap) -> dict[str, Any] | None:

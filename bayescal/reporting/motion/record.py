@@ -34,6 +34,8 @@ MOST_COPIED = 100_000_000
 
 MOST_REMOVED = 0.99
 """Share of a variance that is stated as a number: no model removes all."""
+GROWN = 1.1
+"""Factor on the withheld error of a joint from which on the headline states its increase (convention)."""
 SITES = {"tool": "the tool", "base": "the base", "log": "the log"}
 """Sites other than joints in words."""
 
@@ -249,8 +251,18 @@ def words(gap: MotionGap) -> list[str]:
         some = _per_cent(gap.shrinkage.removed)
         some += "" if _per_cent(low) == some else f" ({100 * low:.0f} to {100 * high:.0f} %)"
         some += f" of the variance of the {what} above noise"
-        out.append(f"On withheld motions the named effects remove {some}.")
+        reduces = gap.shrinkage.removed > 0.0
+        verb = "remove" if reduces else "reduce no error: they remove"
+        out.append(f"On withheld motions the named effects {verb} {some}{_more(gap, unit, by)}.")
     return out
+
+
+def _more(gap: MotionGap, unit: str, by: np.ndarray) -> str:
+    """Joints whose withheld error increases with the named effects, as the end of a sentence."""
+    s, what = gap.shrinkage, "N m" if unit == UNIT else "deg"
+    rows = zip(gap.estimate.parts[0].log.mechanism.joint_names, by, s.before, s.after, strict=True)
+    more = [f"{name} from {x * b:.3g} to {x * a:.3g} {what}" for name, x, b, a in rows if a > GROWN * b > 0.0]
+    return f"; the error of others increases ({', '.join(more)})" if more else ""
 
 
 def _why_open(gap: MotionGap, place: Place) -> str:
