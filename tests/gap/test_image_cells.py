@@ -59,6 +59,10 @@ def rippled(session):
     return np.column_stack([np.zeros_like(u), 0.5 * np.cos(2 * np.pi * u / SIZE[0])])
 
 
+def test_noise_of_images_is_no_effect(bench):
+    assert bench.decision(5).kind == "null"
+
+
 @pytest.mark.parametrize(("moved", "driver"), [(refocused, "time"), (rolling, "clock"), (rippled, "image")])
 def test_what_a_lens_or_its_clock_does_is_unmodelled_at_the_camera(session, bench, moved, driver):
     p = bench.problem
