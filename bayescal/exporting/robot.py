@@ -176,6 +176,7 @@ def spread(arm: FittedArm, state: int) -> np.ndarray:
 
     def of(values: np.ndarray) -> np.ndarray:
         robot = calibrated_robot(arm.model, values, state=state)
+        robot = replace(robot, compliance=_compliance(arm.model, values))  # its u has no bound at 0
         return np.array([value for *_, value in quantities(robot)])
 
     slopes = []

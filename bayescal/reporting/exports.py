@@ -93,9 +93,14 @@ MISSING_EFFECTS = (
 )
 
 
+SMALL = 5e-8
+"""m RMS, error of a file that is stated as 0.0 µm (rounding)."""
+
+
 def _alternative(export: Exported) -> list[tuple[str, str, str]]:
     """The model that the file can hold: fitted without the missing effects, it has the smaller error."""
-    lacking = {missing.effect for missing in export.missing}
+    # of an effect that moves no TCP nothing is gained
+    lacking = {missing.effect for missing in export.missing if not missing.rms < SMALL}
     less = [name for name in export.arm.effects if without_setting(name) in map(without_setting, lacking)]
     if not less or len(less) == len(export.arm.effects):
         return []

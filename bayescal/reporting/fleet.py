@@ -76,7 +76,7 @@ def with_gap(session: Json, folder: Path) -> dict[str, Any]:
     named = [
         _named(one["effect"], site, one["probability"], sizes.get((one["effect"], site), {}))
         for one in record["named"]
-        for site in one["sites"]
+        for site in one["sites"] or [site for effect, site in sizes if effect == one["effect"]] or [""]
     ]
     if not named and record["verdict"] in (UNKNOWN, "class"):
         members = (record["class"] or {}).get("members") or [UNKNOWN]

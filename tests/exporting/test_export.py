@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.robot import calibrated_robot, robot_text
 from bayescal.exporting.written import read_sidecar
+from bayescal.reporting.exports import _alternative
 
 OPTIONS = {"contacts": 46, "later": 4, "repeats": 2, "spheres": 0, "seed": 1}
 
@@ -325,6 +327,26 @@ def test_dh_table(name):
     mm, deg = ([of["base", key][0]["value"] for key in keys] for keys in ("xyz", ("roll", "pitch", "yaw")))
     place = rigid(rpy_matrix(np.radians(deg)), 1e-3 * np.array(mm))
     np.testing.assert_allclose(place, robot.base, atol=1e-12)
+
+
+def test_a_compliance_of_zero_has_its_whole_u_in_a_table():
+    """A file holds none below zero: derivatives through that limit had half of it."""
+    arm = fake(session_of(UR), ("geometry", "compliance"))
+    k = arm.model.names.index("compliance J3")
+    values = arm.values.copy()
+    values[k] = -arm.model.parameters[k].nominal
+    arm = replace(arm, values=values)
+    assert calibrated_robot(arm.model, values).compliance[2] == 0.0
+    record = json.loads(export(arm, "dh-csv", force=True).written.beside[".json"])
+    (u,) = (v["u"] for v in record["values"] if (v["place"], v["quantity"]) == ("J3", "compliance"))
+    assert u == pytest.approx(1e6 * np.sqrt(arm.covariance[k, k]), rel=1e-5)
+
+
+@pytest.mark.parametrize(("rms", "stated"), [(0.0, False), (1e-9, False), (2e-6, True), (np.nan, True)])
+def test_no_refit_is_proposed_for_what_moves_nothing(rms, stated):
+    missing = SimpleNamespace(effect="compliance", rms=rms)
+    found = SimpleNamespace(missing=(missing,), arm=SimpleNamespace(effects=("geometry", "compliance")))
+    assert bool(_alternative(found)) is stated
 
 
 def test_joint_zeros():

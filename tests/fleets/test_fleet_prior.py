@@ -1,5 +1,6 @@
 """The distribution of parameters over arms, and what a session tells without its prior: closed forms."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from bayescal.effects.location import TOOL, joint
 from bayescal.estimate.moments import shifts
 from bayescal.fleets import SPREAD, Arms, learn, left_out, log_score, widened
 from bayescal.fleets.compare import Likelihood, Member, likelihood_of, models_of, priors
-from bayescal.reporting.fleet import _effects
+from bayescal.reporting.fleet import _effects, with_gap
 
 K = 5
 PARAMETERS = tuple(
@@ -237,3 +238,21 @@ def test_effects_of_a_fleet_do_not_depend_on_the_order_of_its_sessions():
         assert set(found["arms"]) == {"a", "c"}
         assert (found["of"], found["values"]) == (3, [50.0, 80.0])
         assert found["expected_arms"] == pytest.approx(0.9 + 0.1 + 0.99)
+
+
+@pytest.mark.parametrize(
+    ("sites", "of_amplitudes", "wanted"),
+    [
+        (["joint 2"], ["joint 2"], ["joint 2"]), ([], ["joint 1", "joint 3"], ["joint 1", "joint 3"]),
+        ([], [], [""]),
+    ],
+)  # fmt: skip
+def test_an_effect_of_all_joints_is_one_of_the_session(sites, of_amplitudes, wanted, tmp_path):
+    keys = ("value", "u", "unit", "what", "driver")
+    amplitudes = [dict.fromkeys(keys) | {"effect": "backlash", "site": site} for site in of_amplitudes]
+    record = {
+        "schema": "bayescal-gap/1", "named": [{"effect": "backlash", "sites": sites, "probability": 0.99}],
+        "amplitudes": amplitudes, "verdict": "named", "words": [], "probability": {}, "class": None,
+    }  # fmt: skip
+    (tmp_path / "gap.json").write_text(json.dumps(record))
+    assert [e["site"] for e in with_gap({}, tmp_path)["effects"]] == wanted
