@@ -26,7 +26,7 @@ from bayescal.planning.goals import goals
 from bayescal.planning.pool import Pool, Setup, check_count, linearised
 from bayescal.planning.projection import Projection, nominal
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.planning.separate import choose, confusable, detectable, repeated, with_levers
+from bayescal.planning.separate import best_of, choose, confusable, detectable, repeated, with_levers
 from bayescal.probing.contacts import TURNING
 from bayescal.statistics import spawned
 from bayescal.storage.folders import check_unchanged
@@ -147,6 +147,8 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
         for_distances = select(linear, wanted, first, rng, progress=partial(progress, "distances"))
     rng = np.random.default_rng(of_gap)
     for_gap = choose(decide, fresh - first, rng, for_distances, progress=partial(progress, "gap"))
+    if options.aim == GAP:
+        for_gap = best_of(decide, [for_gap, *random.selections(fresh, RANDOM)])
     chosen = np.concatenate([for_distances, for_gap])
     repeats = repeated(decide, chosen, rng, again)
     every = np.concatenate([chosen, repeats])

@@ -9,7 +9,7 @@ Of a plan: the smallest detectable amplitude of every effect, and for pairs of e
 the intervention that would: its contacts repeated under other conditions (`gap.candidate_contacts`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -295,3 +295,17 @@ def _repeated(pool: Pool, chosen: np.ndarray) -> tuple[Pool, list[str], np.ndarr
     which = np.repeat(np.arange(len(interventions)), [len(i.rows) for i in interventions])
     again = replace(pool, session=session, measured=len(rows), approach=session.measurements.readings)
     return again, [i.what for i in interventions], which[again.candidates - len(rows)]
+
+
+def best_of(contrasts: Contrasts, selections: Iterable[np.ndarray]) -> np.ndarray:
+    """The selection with the largest objective.
+
+    One candidate is added after another: what tells nothing alone, as the first point that an instrument
+    reads, is never tried, and a random selection may be better.
+    """
+
+    def objective(selection: np.ndarray) -> float:
+        p = Projection(contrasts.columns, selection)
+        return float(contrasts.objective(contrasts.strengths(p)))
+
+    return max(selections, key=objective)

@@ -23,8 +23,10 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.estimate.unexplained import unexplained
 from bayescal.model import Scene
+from bayescal.planning import separate
 from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.pool import Setup
+from bayescal.planning.projection import Projection
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
 from bayescal.programs import PROGRAMS
@@ -101,6 +103,30 @@ def test_levers() -> None:
     assert any("of the volume of interest" in w for w in one.warnings)
     payload = one.session.measurements.payload
     assert payload is None or not np.any(payload)
+
+
+def test_a_plan_for_the_gap_is_no_worse_than_random_ones(monkeypatch) -> None:
+    """What tells nothing alone is never added first: here a search that ends with contacts of one kind."""
+    options = PlanOptions(40, GAP, ("geometry",), ("approach",), candidates=80)
+    found = list[np.ndarray]()
+
+    def poor(decide, count, *_, **__):
+        found.append(np.arange(count))
+        return found[-1]
+
+    def spied(decide, selections):
+        tried = list(selections)
+        chosen = separate.best_of(decide, tried)
+        worth = [float(decide.objective(decide.strengths(Projection(decide.columns, s)))) for s in tried]
+        assert np.array_equal(chosen, tried[int(np.argmax(worth))])
+        assert np.array_equal(tried[0], found[0])
+        assert not np.array_equal(chosen, found[0])
+        return chosen
+
+    monkeypatch.setattr("bayescal.planning.plan.choose", poor)
+    monkeypatch.setattr("bayescal.planning.plan.best_of", spied)
+    made = plan(example(), options)
+    assert int(np.sum(np.array(made.purpose) == GAP)) == len(found[0])
 
 
 # --- `bayescal plan` and `bc.plan`: a folder that comes back, the same plan by seed, one-line refusals.
