@@ -27,6 +27,7 @@ from bayescal.fitted.file import check_restored, restored
 from bayescal.public import FitResult, GapResult, Printed, table
 from bayescal.public.positions import arm_of
 from bayescal.reporting.fit.files import budget_csv, budget_record, budget_table
+from bayescal.reporting.sheet import screen
 from bayescal.storage.files import write_together
 from bayescal.storage.reading import read_json
 
@@ -41,6 +42,8 @@ class BudgetResult(Printed):
     data: Budget
     basis: Basis
     seed: int = 0
+    warnings: tuple[str, ...] = ()
+    """What the verdict says against the model: u of a parameter has no part of what the model leaves."""
 
     @property
     def u(self) -> float:
@@ -74,7 +77,7 @@ class BudgetResult(Printed):
 
     def report(self) -> RenderableType:
         """The table, to be printed by a `rich.console.Console`."""
-        return budget_table(self.data)
+        return screen(budget_table(self.data), *([("warning", w, "yellow")] for w in self.warnings))
 
     def __repr__(self) -> str:
         return f"<budget of {self.data.measurand.name}: {self.record['text']}>"
@@ -148,7 +151,9 @@ def budget(
         measurand = pointed(arm, basis, readings, tool=tool, payload_kg=payload_kg)
     else:
         measurand = work.headline(basis)
-    return BudgetResult(work.budget(basis, measurand), basis, seed)
+    limit = "u of a parameter has no part of the errors that the model leaves"
+    warnings = tuple(f"{words}; {limit}" for words in arm.use.warnings) if parameter else ()
+    return BudgetResult(work.budget(basis, measurand), basis, seed, warnings)
 
 
 def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm, Basis, int]:

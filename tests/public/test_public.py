@@ -21,7 +21,7 @@ import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import of_fit
 from bayescal.fitted.gate import NOTHING, Use
-from bayescal.public import GapResult
+from bayescal.public import GapResult, budgets
 from bayescal.public.budgets import certificate
 
 PUBLIC = (f for f in sorted(Path(bc.__file__).parent.glob("public/*.py")) if ">>>" in f.read_text())
@@ -127,6 +127,17 @@ def test_a_fit_comes_back(result, tmp_path):
     assert "a2" in str(saved)
     a2 = np.asarray(saved.inference_data()["posterior"]["a2"])
     assert a2.std() == pytest.approx(saved.parameters.loc["a2", "u"], rel=1e-6)
+
+
+def test_a_budget_of_a_parameter_states_what_the_verdict_says_against_the_model(result, monkeypatch):
+    """Points and distances have the unexplained error; the u of a parameter has no part of it."""
+    arm, *others = budgets.stated(result)
+    for warnings in ((), ("verdict of the fit: it explains nothing",)):
+        doubted = replace(arm, use=Use(warnings=warnings))
+        monkeypatch.setattr(budgets, "stated", lambda run, arm=doubted: (arm, *others))
+        text = " ".join(str(bc.budget(result, parameter="a2")).split())
+        assert ("it explains nothing; u of a parameter" in text) is bool(warnings)
+        assert bc.budget(result).warnings == ()
 
 
 @pytest.mark.parametrize("asked", [{"parameter": "theta2"}, {}, {"parameter": "compliance J3"}])
