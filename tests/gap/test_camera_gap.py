@@ -46,8 +46,11 @@ def test_a_slip_is_before_an_image_and_not_within(tmp_path):
 
 
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
-    """Shifts of the images that each has anew are no effect, and are told."""
     session, _ = made(tmp_path, 2, "null", 0.0)
+    verdict = verdict_on(session)
+    assert verdict.kind == "null"
+    assert verdict.probability["null"] > 0.5
+    # shifts of the images that each has anew are no effect, and are told
     image = np.unique(session.measurements.stop, return_inverse=True)[1]
     pixel = session.measurements.pixel.copy()
     pixel[:, :2] += np.random.default_rng(1).normal(0.0, 0.5, (image.max() + 1, 2))[image]
