@@ -303,7 +303,7 @@ def test_no_way_is_said(pool, ordered, monkeypatch):
     other = int(pool.candidates[1])
     found = moves.ways(np.array([other, row, other]))
     first, *others = found.via
-    assert first is not None
+    assert first is not None  # a way, straight or not
     assert others == [None, None]
     assert [bool(words) for words in found.by_hand] == [False, True, True]
     assert orders.travel(moves.pool, np.array([other, row]), [first, None]) > 0
@@ -338,10 +338,10 @@ CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
 
 def test_sampled_motions_are_as_free_as_stated(monkeypatch, quick_search):
     """Spheres that are moved on the way, by an arm on a rail; two probes would take twice the time."""
-    monkeypatch.setattr(study, "CONTACTS", 4)
+    monkeypatch.setattr(study, "CONTACTS", 5)
     monkeypatch.setattr(study, "CANDIDATES", 16)
     found = study.checked(13, True)
-    assert found["motions"] > 7
+    assert found["motions"] > 9
     assert found["by_hand"] == 0
     assert found["nearest_mm"] > 1.9
     assert found["overstated_mm"] < 1e3 * study.ROUNDING
@@ -356,9 +356,9 @@ def test_bounds_hold_on_random_motions(rail):
     check = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], there)
     rng = np.random.default_rng(1)
     limits = setup.dataset.robot.limits
-    begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (200, len(limits))))
-    begin = begin[check.distances(begin) > 0.005][:20]
-    end = begin + rng.normal(0, 1.1, begin.shape)
+    begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, len(limits))))
+    begin = begin[check.distances(begin) > 0.005][:30]
+    end = begin + rng.normal(0, 0.8, begin.shape)
     floor = 0.005
     free = check.hits(begin, end, floor) == 0
     bound = check.closest(begin, end, 1e-3)
@@ -369,7 +369,7 @@ def test_bounds_hold_on_random_motions(rail):
     near = sampled < 0.05  # the sampler does not look farther
     assert np.all(bound[near] <= sampled[near] + 1e-6)
     near &= sampled > (-0.04 if rail else -np.inf)  # an axis inside a box has no depth in the samples
-    assert near.sum() > 8
+    assert near.sum() > 10
     assert np.all(sampled[near] - bound[near] < np.maximum(1.2e-3, 0.12 * np.abs(sampled[near])))
 
 
@@ -424,7 +424,7 @@ def test_own_solids_are_read_written_and_avoided(tmp_path):
     assert [s.placement for s in around.solids[-3:]] == ["", "", "2"]
     hit = Clearance.of(dataset.robot, dataset.tools[0], [replace(around.solids[-1], placement="")])
     arm = hit.arm
-    inside = arm.readings_of(np.random.default_rng(0).uniform(*arm.robot.limits.T, (20_000, 6)))
+    inside = arm.readings_of(np.random.default_rng(0).uniform(*arm.robot.limits.T, (60_000, 6)))
     deep = np.linalg.norm(arm.ball(arm.frames(inside)) - [0.4, 0, 0.5], axis=1) < 0.05
     assert deep.any()
     assert np.all(hit.collides(inside[deep]) > 0)
