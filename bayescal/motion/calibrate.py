@@ -45,7 +45,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Withheld:
-    """Torque error of one joint on moving rows of validation motions, N m RMS."""
+    """Torque error of one joint, N m RMS, on rows of validation motions that stiction does not hold."""
 
     joint: str
     nominal: float

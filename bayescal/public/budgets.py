@@ -62,8 +62,8 @@ class BudgetResult(Printed):
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """The content of a budget.json with this budget alone."""
-        return budget_record((self.data,), self.basis, self.seed)
+        """The content of a budget.json with this budget alone, and `warnings`."""
+        return budget_record((self.data,), self.basis, self.seed) | {"warnings": list(self.warnings)}
 
     @property
     def components(self) -> DataFrame:

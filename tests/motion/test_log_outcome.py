@@ -84,7 +84,20 @@ def test_a_headline_states_joints_whose_error_increases():
         return record._more(gap, record.UNIT, np.ones(2))
 
     assert said([1.09, 9.0]) == ""
-    assert said([1.5, 0.0]) == "; the error of others increases (hip from 1 to 1.5 N m)"
+    assert said([1.5, 0.0]) == "; that of some joints increases (hip from 1 to 1.5 N m)"
+
+
+@pytest.mark.parametrize(
+    ("removed", "interval", "wanted"),
+    [
+        (0.4, (0.3, 0.5), "remove 40 % (30 to 50 %) of the variance of the torque above noise"),
+        (-0.11, (-0.36, -0.08), "the variance of the torque above noise increases by 11 % (8 to 36 %)"),
+    ],
+)
+def test_a_share_that_is_negative_is_an_increase(removed, interval, wanted):
+    words = record._change(SimpleNamespace(removed=removed, removed_interval95=interval), "torque")
+    assert words.endswith(wanted)
+    assert ("do not reduce" in words) is (removed < 0.0)
 
 
 def test_names_explain_their_share_of_a_set_with_an_unknown_cause():

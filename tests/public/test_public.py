@@ -135,8 +135,10 @@ def test_a_budget_of_a_parameter_states_what_the_verdict_says_against_the_model(
     for warnings in ((), ("verdict of the fit: it explains nothing",)):
         doubted = replace(arm, use=Use(warnings=warnings))
         monkeypatch.setattr(budgets, "stated", lambda run, arm=doubted: (arm, *others))
-        text = " ".join(str(bc.budget(result, parameter="a2")).split())
+        found = bc.budget(result, parameter="a2")
+        text = " ".join(str(found).split())
         assert ("it explains nothing; u of a parameter" in text) is bool(warnings)
+        assert found.record["warnings"] == list(found.warnings)
         assert bc.budget(result).warnings == ()
 
 

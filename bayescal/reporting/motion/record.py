@@ -11,7 +11,7 @@ from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.schema import arm_text
 from bayescal.logs.types import SERVO, TORQUE
-from bayescal.motion.diagnose import Amplitude, MotionGap, Place
+from bayescal.motion.diagnose import Amplitude, MotionGap, Place, Shrinkage
 from bayescal.motion.effects import EFFECTS, Form, at_speed, title_of
 from bayescal.motion.quantities import UNKNOWN
 from bayescal.motion.search import OTHER, Hypothesis
@@ -246,15 +246,22 @@ def words(gap: MotionGap) -> list[str]:
             "something may be left."
         )
     if v.named.members and np.isfinite(gap.shrinkage.removed):
-        low, high = gap.shrinkage.removed_interval95
         what = "torque" if unit == UNIT else "servo error"
-        some = _per_cent(gap.shrinkage.removed)
-        some += "" if _per_cent(low) == some else f" ({100 * low:.0f} to {100 * high:.0f} %)"
-        some += f" of the variance of the {what} above noise"
-        reduces = gap.shrinkage.removed > 0.0
-        verb = "remove" if reduces else "reduce no error: they remove"
-        out.append(f"On withheld motions the named effects {verb} {some}{_more(gap, unit, by)}.")
+        change = _change(gap.shrinkage, what)
+        out.append(f"On withheld motions the named effects {change}{_more(gap, unit, by)}.")
     return out
+
+
+def _change(s: Shrinkage, what: str) -> str:
+    """What named effects do to the withheld variance of all joints together, as the end of a sentence."""
+    low, high = s.removed_interval95
+    of = f"variance of the {what} above noise"
+    if s.removed > 0.0:
+        some = _per_cent(s.removed)
+        some += "" if _per_cent(low) == some else f" ({100 * low:.0f} to {100 * high:.0f} %)"
+        return f"remove {some} of the {of}"
+    more = f"increases by {-100 * s.removed:.0f} % ({-100 * high:.0f} to {-100 * low:.0f} %)"
+    return f"do not reduce the error of all joints together: the {of} {more}"
 
 
 def _more(gap: MotionGap, unit: str, by: np.ndarray) -> str:
@@ -262,7 +269,7 @@ def _more(gap: MotionGap, unit: str, by: np.ndarray) -> str:
     s, what = gap.shrinkage, "N m" if unit == UNIT else "deg"
     rows = zip(gap.estimate.parts[0].log.mechanism.joint_names, by, s.before, s.after, strict=True)
     more = [f"{name} from {x * b:.3g} to {x * a:.3g} {what}" for name, x, b, a in rows if a > GROWN * b > 0.0]
-    return f"; the error of others increases ({', '.join(more)})" if more else ""
+    return f"; that of some joints increases ({', '.join(more)})" if more else ""
 
 
 def _why_open(gap: MotionGap, place: Place) -> str:
